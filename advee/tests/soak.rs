@@ -53,7 +53,7 @@ fn robot(scenario: Scenario, world: &str, seed: u64) -> Robot {
 }
 
 /// The shipped robots with another base than the reference one.
-const BASES: [&str; 4] = ["courier", "tug", "porter", "tripod"];
+const BASES: [&str; 5] = ["courier", "rover", "tug", "porter", "tripod"];
 
 #[test]
 fn the_shipped_scenario_holds_for_robots_with_other_bases() {
@@ -150,8 +150,9 @@ fn earlier_failures_do_not_recur() {
     for regression in config::regressions(&root().join("scenarios/regressions.toml")).expect("a good file") {
         // As at the time of the failure.
         let sets = if regression.people { Vec::new() } else { vec!["world.people=0".into()] };
-        let place = RobotLocation { sets, ..place(&regression.world) };
-        let robot = Robot::new(place, shipped(), regression.seed).expect("the shipped configuration");
+        let config = root().join("conf").join(&regression.config);
+        let place = RobotLocation { config, sets, ..place(&regression.world) };
+        let robot = Robot::new(place, shipped(), regression.seed).expect("a shipped configuration");
         let outcome = robot.episode(regression.episode, &regression.faults).unwrap();
         assert_eq!(outcome.violation, None, "{}", regression.cause);
     }

@@ -3,6 +3,7 @@
 use base::can::Id;
 use host::ports::can_udp_codec;
 use nix::sys::socket::{AddressFamily, SockFlag, SockType, SockaddrIn, bind, setsockopt, socket, sockopt};
+use sim::check::wire::{Drive, Protocol};
 use std::net::{Ipv4Addr, UdpSocket};
 use std::os::fd::AsRawFd;
 use std::sync::Arc;
@@ -11,18 +12,19 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Target velocity and emergencies of the propulsion, node 1.
-const RPDO4: Id = Id::Standard(0x501);
-const EMERGENCY: Id = Id::Standard(0x081);
+/// First identifier of emergencies (CiA 301).
+const EMERGENCY: u16 = 0x80;
+/// Statusword (CiA 402-2): operation enabled, and its mask.
+const OPERATION_ENABLED: (u16, u16) = (0x27, 0x6F);
 /// CiA 301: life guard or heartbeat error.
 const HEARTBEAT_LOST: [u8; 2] = 0x8130u16.to_le_bytes();
 
 /// Effect of a frame on the motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sign {
-    /// The drive is commanded to turn.
+    /// A wheel is commanded to turn.
     Drives,
-    /// The drive is commanded to stop, or stops by itself.
+    /// Each wheel is commanded to stop, or stops by itself.
     Stops,
 }
 
@@ -34,12 +36,13 @@ pub struct Can {
 }
 
 impl Can {
-    pub fn listen(port: u16) -> Self {
+    /// Listens to the bus of this port, with these drives of the wheels.
+    pub fn listen(port: u16, drives: Vec<Drive>) -> Self {
         let socket = open(port);
         let (send, signs) = channel();
         let end = Arc::new(AtomicBool::new(false));
         let ended = end.clone();
-        let thread = Some(std::thread::spawn(move || forward(&socket, &send, &ended)));
+        let thread = Some(std::thread::spawn(move || forward(&socket, &drives, &send, &ended)));
         Self { signs, end, thread }
     }
 }
@@ -63,26 +66,35 @@ pub fn open(port: u16) -> UdpSocket {
     can
 }
 
-fn forward(can: &UdpSocket, signs: &Sender<(Instant, Sign)>, end: &AtomicBool) {
+fn forward(can: &UdpSocket, drives: &[Drive], signs: &Sender<(Instant, Sign)>, end: &AtomicBool) {
+    let mut moves = vec![false; drives.len()];
     let mut datagram = [0; 512];
     while !end.load(Ordering::Relaxed) {
         let Ok(length) = can.recv(&mut datagram) else { continue };
         let now = Instant::now();
         let Ok(frame) = can_udp_codec::decode(&datagram[..length]) else { continue };
-        if let Some(sign) = sign(frame.id(), frame.data()) {
-            let _ = signs.send((now, sign));
+        let Id::Standard(id) = frame.id() else { continue };
+        let found = drives.iter().enumerate().find_map(|(wheel, drive)| Some((wheel, moved(drive, id, frame.data())?)));
+        let Some((wheel, now_moves)) = found else { continue };
+        moves[wheel] = now_moves;
+        if now_moves || !moves.contains(&true) {
+            let _ = signs.send((now, if now_moves { Sign::Drives } else { Sign::Stops }));
         }
     }
 }
 
-/// CiA 402: bit 2 of the controlword is low for a quick stop, bits 0 to 3 are high in operation.
-fn sign(id: Id, data: &[u8]) -> Option<Sign> {
-    match (id, data) {
-        (RPDO4, [control, _, speed @ ..]) => {
-            let operates = control & 0x0F == 0x0F && speed.iter().any(|byte| *byte != 0);
-            Some(if operates { Sign::Drives } else { Sign::Stops })
-        }
-        (EMERGENCY, data) if data.starts_with(&HEARTBEAT_LOST) => Some(Sign::Stops),
-        _ => None,
+/// True if a frame commands the drive to turn, false if it commands it to stop, or shows that it stops by itself: the
+/// emergency of a CANopen drive whose master is silent, or the heartbeat of an ODrive that is disarmed.
+fn moved(drive: &Drive, id: u16, data: &[u8]) -> Option<bool> {
+    if id == drive.command.id {
+        return drive.commanded(data).map(Drive::moves);
     }
+    let stops = match drive.protocol {
+        Protocol::Canopen => id == EMERGENCY + u16::from(drive.node) && data.starts_with(&HEARTBEAT_LOST),
+        Protocol::CanSimple { .. } => {
+            let (enabled, mask) = OPERATION_ENABLED;
+            drive.reported(id, data).is_some_and(|statusword| statusword & mask != enabled)
+        }
+    };
+    stops.then_some(false)
 }

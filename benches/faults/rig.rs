@@ -5,6 +5,7 @@ use crate::support;
 use lcm::live::Lcm;
 use messages::{Channel, Hold, Message, common, lowlevel};
 use module::State;
+use sim::check::wire::Drive;
 use std::collections::{BTreeMap, VecDeque};
 use std::fs;
 use std::io::{BufRead, BufReader};
@@ -20,6 +21,8 @@ const COMMANDS: Duration = Duration::from_millis(50);
 const STEP: Duration = Duration::from_millis(5);
 /// Speed at which the table "What stops the robot" was measured, m/s, on a circle that has room anywhere.
 const SPEED: f64 = 0.8;
+/// Speed of another robot, m/s: each of its wheels stays within its limit on the circle.
+const SPEED_OTHER: f64 = 0.4;
 const STEERING: f64 = 0.4;
 /// Speed below which the body stands, m/s, and its deceleration between two samples of the truth, m/s².
 const STANDS: f64 = 0.01;
@@ -37,6 +40,12 @@ pub struct Rig {
     reader: Option<JoinHandle<()>>,
     pub processes: BTreeMap<String, common::Process>,
     homed: bool,
+    /// Speed at which it is driven, m/s.
+    speed_driven: f64,
+    /// It is homed before it drives.
+    steers: bool,
+    /// It is the robot whose figures the table "What stops the robot" has.
+    pub reference: bool,
     /// Homing was interrupted, and waits for an operator's release; when it is sent.
     to_be_homed: bool,
     release: Instant,
@@ -61,10 +70,22 @@ pub struct Rig {
     marked: Instant,
 }
 
+/// How a robot drives.
+pub struct Ride {
+    /// The drives of its wheels, or of its driven axle.
+    pub drives: Vec<Drive>,
+    /// It steers, so that it is homed first.
+    pub homes: bool,
+    /// The robot of the table "What stops the robot".
+    pub reference: bool,
+}
+
 /// Environment in which robots are started.
 pub struct Yard<'a> {
     /// Configuration.
     pub config: &'a Path,
+    /// How it drives.
+    pub ride: Ride,
     /// Library loaded into every process.
     pub saboteur: &'a Path,
     /// Parent of the robots' folders.
@@ -79,7 +100,7 @@ impl Rig {
         let run_dir = yard.folder.join(number.to_string());
         let logs = run_dir.with_extension("log");
         let bus = support::listen(&url);
-        let can = Can::listen(robot::topology::can_port_beside(port));
+        let can = Can::listen(robot::topology::can_port_beside(port), yard.ride.drives.clone());
         let world = support::workspace().join("conf/worlds/empty.toml");
         // The watchdog has no limit of its own: it is set by the process that starts the robot (systemd: LimitDATA=).
         let advee = support::advee(&url, &run_dir);
@@ -92,6 +113,8 @@ impl Rig {
             .arg("--config")
             .arg(yard.config)
             .args(["--set", &format!("log.folder={:?}", logs), "--set", "limits.speed_manual_mps=0.8"])
+            // Another robot may sense nothing, which limits it to less.
+            .args(["--set", "guard.speed_blind_mps=2.0"].iter().filter(|_| !yard.ride.reference))
             .args(["up", "--sim", "--headless", "--goal", "none", "--world"])
             .arg(world)
             .env("LD_PRELOAD", yard.saboteur)
@@ -113,7 +136,10 @@ impl Rig {
             log,
             reader,
             processes: BTreeMap::new(),
-            homed: false,
+            homed: !yard.ride.homes,
+            speed_driven: if yard.ride.reference { SPEED } else { SPEED_OTHER },
+            steers: yard.ride.homes,
+            reference: yard.ride.reference,
             to_be_homed: false,
             release: now,
             missed_watchdog: false,
@@ -143,7 +169,7 @@ impl Rig {
 
     /// Sets the operator's command; effective at once if it is a stop.
     pub fn drive(&mut self, on: bool) {
-        let before = std::mem::replace(&mut self.wanted, if on { SPEED } else { 0.0 });
+        let before = std::mem::replace(&mut self.wanted, if on { self.speed_driven } else { 0.0 });
         if self.wanted < before {
             self.next = Instant::now();
         }
@@ -166,7 +192,7 @@ impl Rig {
                 // Stopped once more.
                 self.drive(false);
                 calm = Instant::now();
-            } else if self.drives() && self.speed > 0.95 * SPEED {
+            } else if self.drives() && self.speed > 0.95 * self.speed_driven {
                 return true;
             }
         }
@@ -255,7 +281,9 @@ impl Rig {
                     self.speed = truth.speed.abs();
                     self.look();
                 }
-                Ok(Message::LlDataMotion(motion)) => (self.homed, self.reason) = (motion.homed, motion.reason),
+                Ok(Message::LlDataMotion(motion)) => {
+                    (self.homed, self.reason) = (motion.homed || !self.steers, motion.reason);
+                }
                 Ok(Message::LlDataHold(list)) if list.is_of_motion() => {
                     self.to_be_homed = list.has(Hold::ToBeHomed);
                     self.missed_watchdog |= list.has(Hold::WatchdogSilent);

@@ -236,7 +236,7 @@ fn hang(rig: &mut Rig, fault: Instant, pid: i32, simulator: &mut Vital, outcome:
         if rig.stop.is_some() && required {
             let dying = vital.alive.saturating_duration_since(since);
             outcome.stands = rig.stood.map(|at| at.saturating_duration_since(since)).or(Some(PATIENCE));
-            outcome.table = Some(table::stands_after(&outcome.module, outcome.kind, dying));
+            outcome.table = rig.reference.then(|| table::stands_after(&outcome.module, outcome.kind, dying));
         }
     }
     if back.is_some() {

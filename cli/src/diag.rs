@@ -121,7 +121,7 @@ pub fn diag(common: &Common, command: &Diag) -> Outcome {
 
 /// The running robot with its arguments, else the configured one. A robot elsewhere has no configuration here, and is
 /// shown without it.
-fn configuration(common: &Common) -> Result<(RobotLocation, Configuration), Failed> {
+pub fn configuration(common: &Common) -> Result<(RobotLocation, Configuration), Failed> {
     let ours = fs::canonicalize(common.run_dir()).ok();
     let is_here = |place: &RobotLocation| ours.is_some() && fs::canonicalize(&place.run_dir).ok() == ours;
     let running = holder::modules().map(|running| running.place).find(is_here);

@@ -108,12 +108,14 @@ fn configuration_group(common: &Common, loaded: &Result<Config, ConfigError>, us
             .iter()
             .filter_map(|bus| devices::serial(bus, &devices::Device::gather(&bus.line.port), user)),
     );
+    findings.extend(devices::streams(&config.robot, devices::Device::gather, user));
     findings.extend(config.robot.i2c.iter().filter_map(|bus| devices::i2c(bus, devices::Device::gather, user)));
     findings.extend(config.robot.w1.iter().filter_map(devices::w1));
     let gamepad = config.robot.gamepad.as_ref();
     findings.extend(gamepad.and_then(|gamepad| devices::gamepad(gamepad, devices::Device::gather, user)));
     findings.extend(devices::commands(&config.modules, devices::executable));
     findings.push(second_way(&config.robot));
+    findings.push(emergency_stop(&config.robot));
     if let Some(canbus::GpioConfig { chip, line, active_low }) = config.robot.stop.feed_line().cloned() {
         let line = GpioConfig { chip, line, active_low };
         findings.extend(devices::feed_line(&line, devices::Device::gather, GpioConfig::foreign_holder, user));
@@ -150,6 +152,19 @@ fn second_way(robot: &robot::config::Robot) -> Finding {
     }
     let why = "a drive that does not brake as commanded is not cut off its feed".into();
     Finding { why, ..Finding::warning(check, "none") }
+}
+
+/// What reads the emergency stop.
+fn emergency_stop(robot: &robot::config::Robot) -> Finding {
+    let check = "emergency stop";
+    let line = robot.power.iter().map(|_| "the PAUSE line of the power controller".to_owned());
+    let inputs = robot.stop.inputs.iter().map(|input| messages::StopSource::in_words(&input.source()));
+    let read: Vec<String> = line.chain(inputs).collect();
+    if !read.is_empty() {
+        return Finding::ok(check, format!("read: {}", read.join(", ")));
+    }
+    let why = "one that is pressed must stop the robot without this computer, which does not know of it".into();
+    Finding { why, ..Finding::warning(check, "not read: no [power], and no inputs in [stop]") }
 }
 
 fn machine_group(common: &Common, wanted: Option<u8>, capable: impl Fn(u32) -> bool, user: &str) -> Vec<Finding> {

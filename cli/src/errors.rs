@@ -1,10 +1,10 @@
 //! `advee errors [MODULE] [--follow]`: the active faults of all modules, whenever they began; then every change.
 
-use super::bus::{Heard, Tool};
-use super::{Common, Failed, Outcome, print};
+use super::bus::Tool;
+use super::listen::{ANNOUNCED, Listener, OF_TIME};
+use super::{Common, Outcome, print};
 use base::{Duration, Instant};
-use diagnostics::{Config, ErrorGroup, Knowledge, Model, ShownGroup};
-use host::clock;
+use diagnostics::{ErrorGroup, Knowledge, Model, ShownGroup};
 use host::log::{OneLine, TimeOfDay};
 use messages::Channel;
 use messages::common::Error;
@@ -30,27 +30,27 @@ const EXAMPLES: &str = "Examples:
   advee errors --follow         and what begins and ends from now on
   advee errors driver_aux       of one module";
 
-/// Modules list their faults once a second.
-const LISTEN: Duration = Duration::from_millis(1200);
 /// Interval at which it is looked whether lists have expired.
 const LOOK: Duration = Duration::from_millis(500);
 
 pub fn errors(common: &Common, command: &Errors) -> Outcome {
-    let channels = [Channel::CmDataFaults, Channel::CmEventError, Channel::CmDataState, Channel::CmDataProcesses];
-    let mut tool = Tool::join(common, "errors", &channels)?;
-    let mut model = Model::new(Config::default());
-    if listen(&mut tool, &mut model, clock::now() + LISTEN)? {
+    let of_faults = [Channel::CmDataFaults, Channel::CmEventError];
+    let of_modules = [Channel::CmDataState, Channel::CmDataProcesses, OF_TIME];
+    let mut tool = Tool::join(common, "errors", &[&of_faults[..], &of_modules].concat())?;
+    let mut listener = Listener::default();
+    if !listener.listen(&mut tool, ANNOUNCED, |_| ())? {
         return Err("interrupted".into());
     }
-    let now = clock::now();
+    let (now, model) = (listener.now(), &listener.model);
     let is_wanted = |module: &str| command.module.as_deref().is_none_or(|wanted| wanted == module);
     let heard = model.modules(now);
     if !heard.iter().any(|row| is_wanted(&row.module)) {
         let who = command.module.as_deref().unwrap_or("no module");
-        return Err(format!("{who} is not heard on {}; is advee up?", common.lcm_url()).into());
+        return Err(format!("{who} is not heard on {}; {}", common.lcm_url(), listener.why_silent()).into());
     }
+    listener.notice_pause();
     let mut seen = Seen::default();
-    let active = groups(&model, now, command.module.as_deref());
+    let active = groups(model, now, command.module.as_deref());
     let active: Vec<_> = active.into_iter().filter(|group| group.standing).collect();
     if command.json {
         active.iter().try_for_each(|group| print(json!(group)))?;
@@ -63,30 +63,16 @@ pub fn errors(common: &Common, command: &Errors) -> Outcome {
     if !command.follow {
         return Ok(ExitCode::SUCCESS);
     }
-    drop(seen.changes(&groups(&model, now, command.module.as_deref())));
+    drop(seen.changes(&groups(model, now, command.module.as_deref())));
     loop {
-        if listen(&mut tool, &mut model, clock::now() + LOOK)? {
+        if !listener.listen(&mut tool, LOOK, |_| ())? {
             return Ok(ExitCode::SUCCESS);
         }
-        for (word, group) in seen.changes(&groups(&model, clock::now(), command.module.as_deref())) {
+        for (word, group) in seen.changes(&groups(&listener.model, listener.now(), command.module.as_deref())) {
             match command.json {
                 true => print(json!({ "change": word.to_lowercase(), "fault": group })),
                 false => print(line(word, &group)),
             }?;
-        }
-    }
-}
-
-/// Receives until then; true if it was interrupted.
-fn listen(tool: &mut Tool, model: &mut Model, until: Instant) -> Result<bool, Failed> {
-    loop {
-        match tool.hear(until)? {
-            Heard::Message(message) => {
-                let channel = message.channel_name().into_owned();
-                model.receive(clock::now(), &channel, 0, Some(message));
-            }
-            Heard::Nothing => return Ok(false),
-            Heard::Interrupt => return Ok(true),
         }
     }
 }
@@ -201,7 +187,7 @@ mod tests {
 
     #[test]
     fn a_fault_is_listed_that_began_before_anybody_listened_and_its_end_is_a_change() {
-        let (mut model, mut seen) = (Model::new(Config::default()), Seen::default());
+        let (mut model, mut seen) = (Model::new(diagnostics::Config::default()), Seen::default());
         lists(&mut model, 0, vec![stalled()]);
         let lines = list(&model.errors.groups(at(0)), &["planner"]);
         assert!(lines[1].starts_with("ACTIVE   ERROR    01:00:00    driver_aux       FanFailed fan1: a"), "{lines:?}");
@@ -217,7 +203,7 @@ mod tests {
 
     #[test]
     fn a_refused_request_is_reported_and_not_active() {
-        let (mut model, mut seen) = (Model::new(Config::default()), Seen::default());
+        let (mut model, mut seen) = (Model::new(diagnostics::Config::default()), Seen::default());
         lists(&mut model, 0, vec![]);
         let number = base::Fault::CommandForbidden as i32;
         let message = "homing is refused".into();

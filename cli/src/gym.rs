@@ -17,7 +17,7 @@ use std::process::ExitCode;
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Gym {
-    /// The simulated world where a reset names none: a file, or a name in conf/worlds [default: hall]
+    /// The world where a reset names none: a file, also a map in YAML, or a name in conf/worlds [default: hall]
     #[arg(long, value_name = "FILE")]
     world: Option<PathBuf>,
     /// Leave out a module without which the robot moves; may be given often

@@ -50,7 +50,7 @@ const GROUPS: [Group; 5] = [
     },
     Group {
         name: "Develop",
-        commands: &["fault", "sim", "soak", "gym", "plan", "completion"],
+        commands: &["fault", "sim", "soak", "gym", "plan", "world", "completion"],
         examples: &["advee fault psc1 bumper 2 --for 1", "advee soak --hours 1"],
     },
 ];

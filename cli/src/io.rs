@@ -1,6 +1,7 @@
 //! `advee io [NAME [VALUE [--for S]]]`: shows inputs and outputs, or sets an output and waits until it has its value.
 
 use super::bus::{Heard, Tool, error_of};
+use super::diag::configuration;
 use super::{Common, Failed, Outcome, finite, print, seconds};
 use base::{Duration, Fault as Code, Instant, Ticker};
 use host::clock;
@@ -26,6 +27,8 @@ pub struct Io {
 
 /// The driver publishes at least each minute; usually each second.
 const HEARD: Duration = Duration::from_secs(61);
+/// The same where the configuration here names no inputs or outputs: a robot elsewhere may have some.
+const ELSEWHERE: Duration = Duration::from_millis(1200);
 /// Longest time until an output is written.
 const WRITTEN: Duration = Duration::from_secs(3);
 /// Period in which a command is repeated.
@@ -35,15 +38,24 @@ const DRIVER: &str = "driver_io";
 pub fn io(common: &Common, command: &Io) -> Outcome {
     let mut tool = Tool::join(common, "io", &[Channel::LlDataIo, Channel::CmEventError])?;
     // The receivers must be connected first.
-    let Some(first) = heard(&mut tool, clock::now() + HEARD, |_| true)? else {
-        return Err(
-            format!("LL_DATA_IO is not heard on {}; is advee up, and [io] configured?", common.lcm_url()).into()
-        );
+    let is_configured = is_configured(common);
+    let patience = if is_configured { HEARD } else { ELSEWHERE };
+    let Some(first) = heard(&mut tool, clock::now() + patience, |_| true)? else {
+        let why = match is_configured {
+            true => "is advee up?",
+            false => "robot.toml names no inputs or outputs: it has no table [io]",
+        };
+        return Err(format!("no LL_DATA_IO on {}; {why}", common.lcm_url()).into());
     };
     match (&command.name, command.value) {
         (Some(name), Some(value)) => set(&mut tool, name, value, command.time),
         (name, _) => show(&first, name.as_deref(), command.json),
     }
+}
+
+/// False if the robot that runs here, else the configured one, has no inputs or outputs and so no driver of them.
+fn is_configured(common: &Common) -> bool {
+    configuration(common).map_or(true, |(_, config)| config.robot.io.is_some())
 }
 
 fn show(io: &DataIo, only: Option<&str>, json: bool) -> Outcome {

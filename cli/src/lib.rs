@@ -44,6 +44,7 @@ mod keep;
 mod lcm;
 mod level;
 mod lidar;
+mod listen;
 mod log;
 mod mode;
 mod neighbours;
@@ -65,6 +66,7 @@ mod state;
 mod style;
 mod up;
 mod web;
+mod world;
 
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, FromArgMatches, Parser};
@@ -157,6 +159,9 @@ commands! {
         Sim(sim::Sim) => sim::sim(common, command),
         /// Plan a drivable way on a map file
         Plan(plan::Plan) => plan::plan(common, command),
+        /// Write a world of the simulation as a map
+        #[command(subcommand)]
+        World(world::Command) => world::world(common, command),
         /// Feed the modules of a run their recorded inputs again, and compare what they answer
         Replay(replay::Replay) => replay::replay(common, command),
         /// Draw a recorded run from above

@@ -22,7 +22,7 @@ pub struct Run {
     /// The simulated robot
     #[arg(long)]
     sim: bool,
-    /// The simulated world: a file, or a name in conf/worlds
+    /// The simulated world: a file, also a map in YAML, or a name in conf/worlds
     #[arg(long, value_name = "FILE", requires = "sim")]
     world: Option<PathBuf>,
 }

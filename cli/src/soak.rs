@@ -41,7 +41,7 @@ pub struct Soak {
     /// What all chance follows from
     #[arg(long, value_name = "S", default_value = "1")]
     seed: u64,
-    /// The simulated world: a file, or a name in conf/worlds [default: those of the scenario, in turn]
+    /// The simulated world: a file, also a map in YAML, or a name in conf/worlds [default: the scenario's, in turn]
     #[arg(long, value_name = "FILE")]
     world: Option<PathBuf>,
     /// What happens [default: scenarios/default.toml in a checkout or beside the configuration, else as built in]
@@ -529,12 +529,15 @@ fn shares(figures: &soak::Figures) -> [(&'static str, f64); 3] {
     [("operator", operator), ("planner", planner), ("others", others)]
 }
 
-fn touches(figures: &soak::Figures) -> [(&'static str, Touches); 3] {
-    let soak::Contacts { robot_into_wall, robot_into_person, person_into_robot } = figures.touched;
+fn touches(figures: &soak::Figures) -> [(&'static str, Touches); 5] {
+    let soak::Contacts { robot_into_wall, robot_into_person, person_into_robot, in_sight, out_of_hiding } =
+        figures.touched;
     [
         ("robot into wall", robot_into_wall),
         ("robot into person", robot_into_person),
         ("person into robot", person_into_robot),
+        ("in sight", in_sight),
+        ("out of hiding", out_of_hiding),
     ]
 }
 

@@ -2,10 +2,11 @@
 //! an operator.
 
 use super::bus::{Heard, Tool, error_of};
+use super::listen::{ANNOUNCED, Listener, OF_TIME};
 use super::style::{GREEN, RED, Style};
 use super::{Common, Failed, Outcome, duration, print};
 use base::{Duration, Fault as Code, Instant};
-use diagnostics::{Config, Model, exit_in_words, orders};
+use diagnostics::{Model, exit_in_words, orders};
 use host::clock;
 use host::log::{OneLine, TimeOfDay};
 use messages::common::{DataFaults, DataProcesses, Error, Fault, Process};
@@ -32,14 +33,12 @@ fn commanded(text: &str) -> Result<Value, String> {
     state.ok_or_else(|| "expected RUN, PAUSE, STOP or TERMINATE".into())
 }
 
-/// Modules announce themselves once a second.
-const LISTEN: Duration = Duration::from_millis(1200);
 /// A command must have been obeyed within this time: a module may have to be started.
 const OBEY: Duration = Duration::from_secs(5);
 
 pub fn state(common: &Common, command: &State) -> Outcome {
     let modules = [Channel::CmDataState, Channel::CmDataProcesses, Channel::CmDataFaults, Channel::CmEventError];
-    let of_the_guard = [Channel::LlDataGuard, Channel::LlDataMotion, Channel::LlDataHold];
+    let of_the_guard = [Channel::LlDataGuard, Channel::LlDataMotion, Channel::LlDataHold, OF_TIME];
     let mut tool = Tool::join(common, "state", &[&modules[..], &of_the_guard].concat())?;
     match (&command.module, command.state) {
         (Some(module), Some(state)) => order(&mut tool, module, state),
@@ -56,33 +55,22 @@ struct Row {
 }
 
 /// Rows by module, and what else was received.
-fn listen(tool: &mut Tool) -> Result<(BTreeMap<String, Row>, Model), Failed> {
-    let until = clock::now() + LISTEN;
+fn listen(tool: &mut Tool) -> Result<(BTreeMap<String, Row>, Listener), Failed> {
     let mut rows: BTreeMap<String, Row> = BTreeMap::new();
-    let mut model = Model::new(Config::default());
-    loop {
-        match tool.hear(until)? {
-            Heard::Message(Message::CmDataState(state)) => {
-                rows.entry(state.module).or_default().announced = Value::from_value(state.state);
-            }
-            Heard::Message(Message::CmDataProcesses(DataProcesses { processes, .. })) => {
-                for process in processes {
-                    let name = process.module.clone();
-                    rows.entry(name).or_default().process = Some(process);
-                }
-            }
-            Heard::Message(Message::CmDataFaults(list)) => {
-                let name = list.module.clone();
-                rows.entry(name).or_default().list = Some(list);
-            }
-            Heard::Message(message) => {
-                let channel = message.channel_name().into_owned();
-                model.receive(clock::now(), &channel, 0, Some(message));
-            }
-            Heard::Nothing => return Ok((rows, model)),
-            Heard::Interrupt => return Err("interrupted".into()),
+    let mut listener = Listener::default();
+    let is_over = listener.listen(tool, ANNOUNCED, |message| match message {
+        Message::CmDataState(state) => {
+            rows.entry(state.module.clone()).or_default().announced = Value::from_value(state.state);
         }
-    }
+        Message::CmDataProcesses(DataProcesses { processes, .. }) => {
+            for process in processes {
+                rows.entry(process.module.clone()).or_default().process = Some(process.clone());
+            }
+        }
+        Message::CmDataFaults(list) => rows.entry(list.module.clone()).or_default().list = Some(list.clone()),
+        _ => {}
+    })?;
+    if is_over { Ok((rows, listener)) } else { Err("interrupted".into()) }
 }
 
 impl Row {
@@ -158,15 +146,16 @@ fn fault_line(fault: &Fault) -> String {
 }
 
 fn show(common: &Common, tool: &mut Tool, module: Option<&str>, json: bool) -> Outcome {
-    let (mut rows, model) = listen(tool)?;
+    let (mut rows, listener) = listen(tool)?;
     if let Some(module) = module {
         rows.retain(|name, _| name == module);
     }
     if rows.is_empty() {
         let who = module.unwrap_or("no module");
         let what = if module.is_some() { "is not heard" } else { "is heard" };
-        return Err(format!("{who} {what} on {}; is advee up?", common.lcm_url()).into());
+        return Err(format!("{who} {what} on {}; {}", common.lcm_url(), listener.why_silent()).into());
     }
+    listener.notice_pause();
     if json {
         let all: serde_json::Map<_, _> = rows.iter().map(|(name, row)| (name.clone(), row.json())).collect();
         print(serde_json::Value::from(all))?;
@@ -178,7 +167,7 @@ fn show(common: &Common, tool: &mut Tool, module: Option<&str>, json: bool) -> O
         print(row.line(name, style))?;
     }
     if module.is_none_or(|module| module == guard::NAME)
-        && let Some(line) = bound_line(&model, clock::now())
+        && let Some(line) = bound_line(&listener.model, listener.now())
     {
         print(format_args!("\n{line}"))?;
     }
@@ -197,16 +186,16 @@ fn bound_line(model: &Model, now: Instant) -> Option<String> {
 
 /// Commands, and waits until all that are meant show the state, or one says no.
 fn order(tool: &mut Tool, module: &str, state: Value) -> Outcome {
-    let (heard, _) = listen(tool)?;
+    let (heard, listener) = listen(tool)?;
     let mut waiting: Vec<String> = match module {
         "*" => heard.keys().filter(|name| *name != watchdog::NAME).cloned().collect(),
         name => vec![name.into()],
     };
     if let Some(unknown) = waiting.iter().find(|name| !heard.contains_key(*name)) {
-        return Err(format!("{unknown} is not heard; is advee up?").into());
+        return Err(format!("{unknown} is not heard; {}", listener.why_silent()).into());
     }
     if waiting.is_empty() {
-        return Err("no module is heard; is advee up?".into());
+        return Err(format!("no module is heard; {}", listener.why_silent()).into());
     }
     // What is down already will not announce that it ends.
     let down = |name: &String| heard.get(name).is_some_and(|row| row.phase() == "TERMINATED");
@@ -269,7 +258,7 @@ mod tests {
 
     #[test]
     fn the_bound_and_its_cause_are_one_line() {
-        let mut model = Model::new(Config::default());
+        let mut model = Model::new(diagnostics::Config::default());
         let now = Instant::from_millis(1000);
         let hear = |model: &mut Model, message: Message| {
             model.receive(now, &message.channel_name(), 0, Some(message));

@@ -28,7 +28,7 @@ pub struct Up {
     /// The simulated robot
     #[arg(long)]
     sim: bool,
-    /// The simulated world: a file, or a name in conf/worlds
+    /// The simulated world: a file, also a map in YAML, or a name in conf/worlds
     #[arg(long, value_name = "FILE", requires = "sim")]
     world: Option<PathBuf>,
     /// In virtual time, in one process: simulated seconds per real second, 0.05 to 1000, or max

@@ -30,14 +30,12 @@ impl RunFolder {
             // The content is for people.
             let _ = (&mut file).take(32).read_to_string(&mut holder);
             let mut lock = Flock::lock(file, FlockArg::LockExclusiveNonblock).map_err(|(_, errno)| match errno {
-                nix::errno::Errno::EWOULDBLOCK => {
-                    format!("run folder {} is held by another advee up, process {}", path.display(), holder.trim())
-                }
+                nix::errno::Errno::EWOULDBLOCK => held(path, holder.trim()),
                 other => named(other.into()),
             })?;
             // A lock on a file that has been removed meanwhile protects nothing.
-            let held = lock.metadata().map_err(named)?;
-            if fs::metadata(&name).is_ok_and(|there| (there.dev(), there.ino()) == (held.dev(), held.ino())) {
+            let locked = lock.metadata().map_err(named)?;
+            if fs::metadata(&name).is_ok_and(|there| (there.dev(), there.ino()) == (locked.dev(), locked.ino())) {
                 lock.set_len(0).map_err(named)?;
                 writeln!(lock, "{}", std::process::id()).map_err(named)?;
                 return Ok(Self { path: path.into(), lock });
@@ -59,6 +57,17 @@ impl RunFolder {
     }
 }
 
+/// Refusal of a folder that another process holds, which wrote its number into the lock file.
+fn held(path: &Path, holder: &str) -> String {
+    let pid = holder.parse::<u32>().ok().filter(|pid| *pid > 0);
+    let (who, kill) = pid.map_or_else(Default::default, |pid| (format!(", process {pid}"), format!("kill {pid}, ")));
+    let path = path.display();
+    format!(
+        "run folder {path} is held by another advee up{who}: end that robot first, by Ctrl-C in its terminal, {kill}or \
+         systemctl stop advee for the service"
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -72,9 +81,18 @@ mod tests {
         let path = fresh("held");
         let first = RunFolder::take(&path).unwrap();
         let Err(refusal) = RunFolder::take(&path) else { panic!("taken twice") };
-        let expected =
-            format!("run folder {} is held by another advee up, process {}", path.display(), std::process::id());
+        let pid = std::process::id();
+        let expected = format!(
+            "run folder {} is held by another advee up, process {pid}: end that robot first, by Ctrl-C in its \
+             terminal, kill {pid}, or systemctl stop advee for the service",
+            path.display()
+        );
         assert_eq!(refusal, expected);
+        // The holder has not written its number yet, or another program changed it.
+        for holder in ["", "1 && rm", "-1", "0"] {
+            let text = held(&path, holder);
+            assert!(text.contains("is held by another advee up: end") && !text.contains("kill"), "{text}");
+        }
         first.release();
         assert!(!path.exists());
         RunFolder::take(&path).unwrap().release();

@@ -16,12 +16,14 @@ pub const SIM: &str = "sim.toml";
 pub const MODULES: &str = "modules.toml";
 /// Name of the text of the simulated robot's world.
 pub const WORLD: &str = "world.toml";
+/// Walls of the map of a world, as the text of a world.
+pub const WALLS: &str = "world_walls.toml";
 /// Name of the text with the overrides.
 pub const SET: &str = "--set";
 /// The overrides of a run, one a line.
 pub const OVERRIDES: &str = "overrides.txt";
 /// Maximum length of a configuration text, bytes.
-const TEXT_MAX: u64 = 1 << 20;
+const TEXT_MAX: u64 = 4 << 20;
 
 /// Log files of a run in order; the named file itself; empty if there is none.
 pub fn log_files(run: &Path) -> Vec<PathBuf> {
@@ -42,7 +44,7 @@ pub fn log_files(run: &Path) -> Vec<PathBuf> {
 pub fn open_log(path: &Path, texts: &mut Vec<(String, String)>) -> io::Result<(File, Index)> {
     let mut file = File::open(path)?;
     let index = Index::read(&mut file, &mut |_, _| ())?;
-    let names = [ROBOT, MODULES, SIM, WORLD, OVERRIDES];
+    let names = [ROBOT, MODULES, SIM, WORLD, WALLS, OVERRIDES];
     for attachment in index.attachments.iter().filter(|attachment| names.contains(&attachment.name.as_str())) {
         if attachment.data_len <= TEXT_MAX && texts.iter().all(|(name, _)| *name != attachment.name) {
             let mut bytes = Vec::new();

@@ -63,6 +63,9 @@ holds! {
     /// The state of a lidar's own fields that stop the robot is not known yet, or not any more. Subject: the lidar.
     PauseFieldUnknown = 103, "the fields of {} are not known to be free",
         "Check its errors, and the modules: driver_lidar must run. Then release the controls and press again.";
+    /// The state of an input that stops the robot (`[stop]`) is not known yet, or not any more. Subject: the input.
+    PauseInputUnknown = 104, "the state of {} is not known",
+        "Check supply and cable of what reads {}, and the modules. Then release the controls and press again.";
     /// A bumper engages the PAUSE line. Subject: `bumper1` to `bumper8`.
     PauseBumper = 111, "PAUSE is engaged by {}", "Clear what touches {}.";
     /// Floor sensors engage the PAUSE line. Subject: `sd1_front` or `sd1_rear`.
@@ -72,6 +75,9 @@ holds! {
     /// A field of a lidar that stops the robot is infringed, or not known. Subject: the lidar, such as `lidar.front`.
     PauseField = 114, "PAUSE is engaged by the fields of {}",
         "Clear what is in the fields of {}; if nothing is, check its errors.";
+    /// An input that stops the robot (`[stop]`) is open. Subject: the input, such as `io.estop` or `drive.left.3`.
+    PauseInput = 115, "PAUSE is engaged by {}",
+        "Close {}: release the emergency stop. If it is not pressed, check its wires.";
     /// Another source engages the PAUSE line. Subject: its name as it was reported.
     PauseOther = 119, "PAUSE is engaged by {}", "Release the PAUSE line at {}.";
 
@@ -134,7 +140,7 @@ holds! {
     CriticalModule = 301, "critical module {} is not running",
         "Wait some seconds: {} is restarted automatically. If not, check the modules.";
     /// The watchdog's list of processes is missing. No subject.
-    WatchdogSilent = 302, "the watchdog is not heard", "Wait some seconds: the watchdog is restarted automatically.";
+    WatchdogSilent = 302, "the watchdog does not report", "Wait some seconds: the watchdog is restarted automatically.";
     /// The watchdog of another robot is on the message bus. No subject.
     SecondRobot = 303, "another robot is on the message bus",
         "End the other robot, or give it a message bus of its own (--lcm-url).";
@@ -149,7 +155,7 @@ holds! {
     /// The module ends. Subject: the module.
     ModuleEnding = 315, "{} is in TERMINATE", "Command {} to RUN.";
     /// Required messages of a module are missing. Subject: the module.
-    ModuleSilent = 321, "{} is not heard", "Check the modules: {} must run.";
+    ModuleSilent = 321, "{} does not report", "Check the modules: {} must run.";
 
     /// No source commands the motion: nothing is wrong. No subject.
     NobodyCommands = 401, "nobody commands the motion", "Drive by hand, or send the robot to a goal.";
@@ -192,12 +198,12 @@ holds! {
     /// The estimate is too old, or not a number. No subject.
     EstimateBad = 504, "the estimate is old or no number", "Check the modules: the estimator must run.";
     /// Readings of the sonars are missing. No subject.
-    SonarsSilent = 505, "the sonars are not heard", "Check the modules and buses: the ranging boards must answer.";
+    SonarsSilent = 505, "the sonars do not report", "Check the modules and buses: the ranging boards must answer.";
     /// The state of the sonars in the direction of travel is unknown. Subject: `front` or `rear`.
     SonarsUnknown = 506, "nothing is known of the sonars at the {}",
         "Check the errors: the ranging board at the {} must answer.";
     /// A ranging board does not measure: what its sonars and floor sensors would detect is unknown. Subject: the board.
-    RangingLost = 507, "ranging board {} is not heard",
+    RangingLost = 507, "ranging board {} does not answer",
         "Check power and cable of {}. When it answers, release the controls and press again, or send the goal again.";
     /// A module without which the planner must not drive does not run. Subject: the module.
     PlannerModule = 511, "the planner may not drive: {} is not running",
@@ -245,7 +251,7 @@ holds! {
     FloorTooLarge = 616, "no way to waypoint {}: the floor between is too large",
         "Send the robot there in shorter legs, or give it a map.";
     /// The robot did not move although motion was commanded. Subject: the waypoint, counted from 1.
-    NotMoving = 617, "no way to waypoint {}: the robot was told to drive and does not move",
+    NotMoving = 617, "no way to waypoint {}: the robot was commanded to drive and does not move",
         "Check that nothing blocks the wheels.";
     /// The robot came to a stop beside the waypoint. Subject: the waypoint, counted from 1.
     StoppedBeside = 618, "no way to waypoint {}: the robot came to stand beside it",
@@ -254,7 +260,7 @@ holds! {
     WayBlocked = 619, "no way to waypoint {}: something stands in the way", "Clear the passage.";
 
     /// `LL_DATA_GUARD` is missing: the robot stands until a source releases it. No subject.
-    GuardSilent = 701, "the guard is not heard", "Wait some seconds: the guard is restarted automatically.";
+    GuardSilent = 701, "the guard does not report", "Wait some seconds: the guard is restarted automatically.";
     /// Something is too near for the commanded speed. A notice: the speed is less, or 0. Subject: the sensor.
     GuardStops = 711, "something is near: {}", "Clear what stands before {}.";
     /// Somebody could walk into the way. A notice: the speed is less. Subject: the sensor.
@@ -268,7 +274,7 @@ holds! {
     /// The measured motion is missing. A notice: the speed is 0. No subject.
     GuardMotion = 715, "the guard does not know the motion", "Check the modules: driver_canbus must run.";
     /// `LL_DATA_GUARD` was missing for a moment. A notice: the speed is 0 until it returns. No subject.
-    GuardLate = 716, "the guard was not heard for a moment", "Wait some seconds.";
+    GuardLate = 716, "the guard did not report for a moment", "Wait some seconds.";
     /// The guard bounds this direction, and names no cause for it. A notice: the speed is less, or 0. No subject.
     GuardBounds = 717, "the guard permits no more this way", "Clear what stands this way, or wait.";
     /// The reach of the sensors bounds the speed. A notice: the speed is less. No subject.
@@ -337,6 +343,24 @@ impl Hold {
         )
     }
 
+    /// True if its subject is a drive, and faults of the drive belong to it.
+    #[must_use]
+    pub const fn is_about_a_drive(self) -> bool {
+        matches!(
+            self,
+            Self::DriveBooting
+                | Self::DriveBootFailed
+                | Self::DriveLost
+                | Self::DriveDeaf
+                | Self::DriveDropped
+                | Self::DriveStuck
+                | Self::DriveNoTarget
+                | Self::DriveFault
+                | Self::DriveUnseen
+                | Self::DriveParameter
+        )
+    }
+
     /// True if its subject is a source of commands.
     const fn is_about_a_source(self) -> bool {
         matches!(
@@ -368,20 +392,14 @@ impl Hold {
     #[must_use]
     pub fn who(self, subject: &str) -> String {
         match self {
-            Self::PauseBumper | Self::PauseFloor | Self::PauseButton | Self::PauseOther => {
-                StopSource::in_words(subject)
-            }
+            Self::PauseBumper
+            | Self::PauseFloor
+            | Self::PauseButton
+            | Self::PauseInput
+            | Self::PauseInputUnknown
+            | Self::PauseOther => StopSource::in_words(subject),
             Self::PauseField | Self::PauseFieldUnknown => subject.replacen('.', " ", 1),
-            Self::DriveBooting
-            | Self::DriveBootFailed
-            | Self::DriveLost
-            | Self::DriveDeaf
-            | Self::DriveDropped
-            | Self::DriveStuck
-            | Self::DriveNoTarget
-            | Self::DriveFault
-            | Self::DriveUnseen
-            | Self::DriveParameter => format!("{subject} drive"),
+            _ if self.is_about_a_drive() => format!("{subject} drive"),
             _ if self.is_about_a_source() => source_in_words(subject),
             _ => subject.into(),
         }
@@ -498,7 +516,7 @@ mod tests {
             (223, "steering", "the steering is homed and turns straight"),
             (224, "steering", "homing the steering failed"),
             (301, "driver_power", "critical module driver_power is not running"),
-            (302, "", "the watchdog is not heard"),
+            (302, "", "the watchdog does not report"),
             (312, "driver_canbus", "driver_canbus is in PAUSE"),
             (401, "", "nobody commands the motion"),
             (402, "", "a command was out of limits"),
@@ -527,10 +545,25 @@ mod tests {
         assert_eq!(Hold::PauseOther.remedy(""), "Release the PAUSE line at an unknown source.");
         assert_eq!(Hold::PauseOther.remedy("rope"), "Release the PAUSE line at rope.");
         assert_eq!(Hold::PauseField.who("lidar.front"), "lidar front");
+        assert_eq!(Hold::PauseInput.who("io.estop"), "the input estop");
+        assert_eq!(Hold::PauseInputUnknown.who("drive.left.3"), "digital input 3 of the left drive");
         assert_eq!(Hold::DriveDropped.remedy("steering"), "Check the errors of the steering drive.");
         let side = "Nothing is wrong: advee drive on robot must command forward speed and rotation only.";
         assert_eq!(Hold::NoSideways.remedy("drive@robot:8"), side);
         assert_eq!(Hold::GuardCreep.who("diag:6323"), "a terminal (advee diag)");
+    }
+
+    #[test]
+    fn causes_about_a_drive_name_it_so_and_list_its_faults() {
+        for cause in Hold::ALL {
+            let is_named = cause.sentence().contains("the {} drive");
+            assert_eq!(cause.is_about_a_drive(), is_named, "{cause:?}");
+            assert_eq!(cause.who("steering") == "steering drive", is_named, "{cause:?}");
+            let lists = cause.faults().iter().any(|related| related.is(base::Fault::DriveLost as i32, "steering", ""));
+            // The input that stops the robot may be one of a drive.
+            let is_input = matches!(cause, Hold::PauseInput | Hold::PauseInputUnknown);
+            assert_eq!(lists, is_named || is_input, "{cause:?}");
+        }
     }
 
     #[test]

@@ -55,6 +55,8 @@ const LIDAR: [Related; 7] = [
     same(Fault::LidarError),
     same(Fault::LidarNoResult),
 ];
+const INPUT: [Related; 4] =
+    [any(Fault::PortDown), any(Fault::IoDeviceLost), any(Fault::IoDeviceRefused), any(Fault::DriveLost)];
 const POSITION: [Related; 5] = [
     any(Fault::PoseLost),
     any(Fault::OdometrySilent),
@@ -79,22 +81,18 @@ impl Hold {
                 &FIELD
             }
             Self::PauseFieldUnknown => &LIDAR,
+            Self::PauseInput => {
+                const OPEN: [Related; 6] = joined(&INPUT, &PAUSED);
+                &OPEN
+            }
+            Self::PauseInputUnknown => &INPUT,
 
             Self::BusDown => const { &[same(Fault::PortDown)] },
             Self::BusUnacknowledged => {
                 const { &[same(Fault::CanUnacknowledged), same(Fault::CanPassive), same(Fault::CanErrors)] }
             }
             Self::SecondMaster => const { &[any(Fault::SecondMaster), any(Fault::NodeClash)] },
-            Self::DriveBooting
-            | Self::DriveBootFailed
-            | Self::DriveLost
-            | Self::DriveDeaf
-            | Self::DriveDropped
-            | Self::DriveStuck
-            | Self::DriveNoTarget
-            | Self::DriveFault
-            | Self::DriveUnseen
-            | Self::DriveParameter => &DRIVE,
+            _ if self.is_about_a_drive() => &DRIVE,
             Self::NotHomed | Self::HomingFailed | Self::ToBeHomed => const { &[same(Fault::HomingFailed)] },
             Self::SpeedExceeded => const { &[any(Fault::SpeedExceeded)] },
             Self::FeedCut => const { &[any(Fault::StopFailed)] },

@@ -54,10 +54,29 @@ impl StopSource {
         name.strip_prefix("lidar.").is_some_and(|name| !name.is_empty())
     }
 
+    /// True for the name of a signal of `[io]` that stops the robot, such as `io.estop`: `driver_io` reports it.
+    #[must_use]
+    pub fn is_signal(name: &str) -> bool {
+        name.strip_prefix("io.").is_some_and(|name| !name.is_empty())
+    }
+
+    /// True for the name of a digital input of a drive that stops the robot, such as `drive.left.3`: `driver_canbus`
+    /// reads it.
+    #[must_use]
+    pub fn is_drive_input(name: &str) -> bool {
+        name.strip_prefix("drive.").is_some_and(|name| !name.is_empty())
+    }
+
     /// Cause while the source of this name engages the line.
     #[must_use]
     pub fn hold_of(name: &str) -> Hold {
-        if Self::is_lidar(name) { Hold::PauseField } else { Self::from_name(name).hold() }
+        if Self::is_lidar(name) {
+            Hold::PauseField
+        } else if Self::is_signal(name) || Self::is_drive_input(name) {
+            Hold::PauseInput
+        } else {
+            Self::from_name(name).hold()
+        }
     }
 
     /// Name for operators.
@@ -84,6 +103,11 @@ impl StopSource {
     pub fn in_words(name: &str) -> String {
         match Self::from_name(name) {
             Self::Unknown if Self::is_lidar(name) => format!("the lidar {}", name.trim_start_matches("lidar.")),
+            Self::Unknown if Self::is_signal(name) => format!("the input {}", name.trim_start_matches("io.")),
+            Self::Unknown if Self::is_drive_input(name) => match name.trim_start_matches("drive.").rsplit_once('.') {
+                Some((axis, bit)) => format!("digital input {bit} of the {axis} drive"),
+                None => name.into(),
+            },
             Self::Unknown if !name.is_empty() => name.into(),
             known => known.words().into(),
         }
@@ -182,7 +206,12 @@ mod tests {
     fn a_lidar_is_a_source_by_its_name() {
         assert_eq!(StopSource::hold_of("lidar.front"), Hold::PauseField);
         assert_eq!([StopSource::is_of_line("lidar.front"), StopSource::is_of_line("")], [false, true]);
-        for other in ["lidar", "lidar.", "crane", "a lidar.front"] {
+        for input in ["io.estop", "drive.left.3"] {
+            assert_eq!((StopSource::hold_of(input), StopSource::is_of_line(input)), (Hold::PauseInput, false));
+        }
+        assert_eq!(StopSource::in_words("io.estop"), "the input estop");
+        assert_eq!(StopSource::in_words("drive.left.3"), "digital input 3 of the left drive");
+        for other in ["lidar", "lidar.", "crane", "a lidar.front", "io.", "drive.", "drive"] {
             assert_eq!(StopSource::hold_of(other), Hold::PauseOther, "{other:?}");
         }
         assert_eq!(StopSource::hold_of("bumper2"), Hold::PauseBumper);

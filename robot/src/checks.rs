@@ -9,9 +9,10 @@ use canopen::master::PdoMapping;
 use canopen::pdo::Mapped;
 use drivers::rs485_bus::Node;
 use drivers::{canbus, power, rs485a};
+use module::admission::Policy;
 use navitools::Pose;
 use settings::robot::Base;
-use sim::check::{self, Guarded, Limits, Promise, RangingBoard, wire};
+use sim::check::{self, Guarded, Limits, Promise, RangingBoard, SeeingLidar, Sight, StopReport, wire};
 use simulator::world::World;
 use simulator::{Axis, DriveConfig, DriveKind};
 use std::f64::consts::PI;
@@ -35,20 +36,31 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
     let robot = &config.robot;
     let driver = topology::canbus(place, &config, false)?;
     let simulated = simulated::config(place, World::default(), robot, false)?;
-    let missing = || ConfigError(vec!["checks: robot.toml has no [can.<bus>] with the drives of its base".into()]);
-    let can = simulated.can.ok_or_else(missing)?;
-    if let Some(drive) = can.drives.iter().find(|drive| matches!(drive.kind, DriveKind::Controller { .. })) {
-        let why = format!("checks: the {} drive is no CANopen node, and the rules judge only those", drive.name);
+    let on_line = simulated.drive_lines.iter().flat_map(|line| &line.motors).map(|motor| motor.name.as_str()).next();
+    let of_can = simulated.can.iter().flat_map(|can| &can.drives);
+    let is_controller = |drive: &DriveConfig| matches!(drive.kind, DriveKind::Controller { .. });
+    let mut vescs = of_can.filter(|drive| is_controller(drive) && drive.kind.odrive().is_none());
+    if let Some(name) = vescs.next().map(|drive| drive.name.as_str()).or(on_line) {
+        let why = format!("checks: the {name} drive is no CANopen drive and no ODrive; the rules judge only those");
         return Err(ConfigError(vec![why]));
     }
+    let policy = topology::policy(&config);
+    let missing = || ConfigError(vec!["checks: robot.toml has no [can.<bus>] with the drives of its base".into()]);
+    let can = simulated.can.ok_or_else(missing)?;
     let node = |drive: &DriveConfig| driver.nodes().find(|node| node.id == drive.node);
     let is_steering = |drive: &&DriveConfig| drive.kind.axis() == Axis::Steering;
     let wheels = can.drives.iter().filter(|drive| !is_steering(drive)).map(|drive| {
-        let node = node(drive)?;
+        let (on_wire, stop_word) = match drive.kind.odrive() {
+            Some((node, endpoints)) => (wire::Drive::can_simple(node, endpoints.enable_watchdog), 0),
+            None => {
+                let node = node(drive)?;
+                (on_wire(node)?, node.stop.as_ref().and_then(|stop| stop.value.first().copied()).unwrap_or(0))
+            }
+        };
         Some(wire::Wheel {
             name: drive.name.clone(),
-            drive: on_wire(node)?,
-            stop_word: node.stop.as_ref().and_then(|stop| stop.value.first().copied()).unwrap_or(0),
+            drive: on_wire,
+            stop_word,
             units_per_mps: units_per_mps(drive, robot.geometry.wheel_circumference_m()),
         })
     });
@@ -65,7 +77,8 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
         planner: "planner".into(),
         critical: config.critical().collect(),
         power: robot.power.as_ref().map(|_| power::NAME.into()),
-        estimator: topology::policy(&config).estimator,
+        stops: stops(robot, &policy),
+        estimator: policy.estimator,
         commands: robot.bus.commands,
         wheels,
         steering,
@@ -90,6 +103,7 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
         speed_manual: robot.limits.speed_manual_mps,
         speed_autonomous: robot.limits.speed_autonomous_mps,
         quick_stop: robot.limits.quick_stop_mps2,
+        coasting: can.drives.iter().any(is_controller).then_some(robot.stop.coasting_mps2),
         ttl: robot.limits.command_ttl,
         ranging: ranging(robot),
         homing_at_start: robot.can.iter().any(homes_at_start),
@@ -101,8 +115,18 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
             braking_mps2: robot.limits.deceleration_mps2,
             beam_rad: robot.sensors.srf08.beam_rad,
         }),
+        sight: sight(robot),
         restart_max,
     })
+}
+
+/// Sources of PAUSE that the driver of the lidars and that of the signals report.
+fn stops(robot: &Robot, policy: &Policy) -> Vec<StopReport> {
+    let fields = robot.lidar.iter().filter(|lidar| lidar.stop.stops()).map(|lidar| (lidar.bus(), &policy.lidar));
+    let signals = robot.stop.inputs.iter().filter(|input| input.signal.is_some());
+    let inputs = signals.map(|input| (input.source(), &policy.io));
+    let report = |(source, module): (String, &Option<String>)| Some(StopReport { source, module: module.clone()? });
+    fields.chain(inputs).filter_map(report).collect()
 }
 
 /// Kinematics and measures of a base that turns by its wheels.
@@ -116,7 +140,9 @@ fn units_per_mps(drive: &DriveConfig, circumference: f64) -> f64 {
     match &drive.kind {
         DriveKind::Cia402(own) => own.velocity_units(drive.node, circumference),
         DriveKind::Epos { gear, .. } => 60.0 * gear / circumference,
-        DriveKind::Icla(_) | DriveKind::Controller { .. } => f64::NAN,
+        // Turns/s of the motor.
+        DriveKind::Controller { gear, .. } => gear / circumference,
+        DriveKind::Icla(_) => f64::NAN,
     }
 }
 
@@ -136,10 +162,34 @@ fn on_wire(node: &NodeConfig) -> Option<wire::Drive> {
     let tpdos = node.mappings.iter().filter(|mapping| mapping.record >= TPDOS);
     let report = |tpdo: &PdoMapping| Some(wire::Place { id: tpdo.cob_id, at: place(tpdo, &[STATUSWORD])? });
     Some(wire::Drive {
+        protocol: wire::Protocol::Canopen,
         node: node.id,
         command: wire::Place { id: rpdo.cob_id, at: place(rpdo, &[CONTROLWORD])? },
         target: place(rpdo, &TARGETS)?,
         reports: tpdos.filter_map(report).collect(),
+    })
+}
+
+/// What a guard with lidars promises; none without.
+fn sight(robot: &Robot) -> Option<Sight> {
+    let guard = &robot.guard;
+    // What is lost is noticed later than what appears.
+    let sensing = guard.sensing.max(guard.scan_age_max.as_secs_f64());
+    let (rear, length) = (robot.geometry.rear_overhang_m, robot.geometry.length_m);
+    guard.ranging.has_lidars().then(|| Sight {
+        lidars: robot
+            .lidar
+            .iter()
+            .map(|lidar| SeeingLidar {
+                bus: lidar.bus(),
+                mount: Pose::new(lidar.driver.x, lidar.driver.y, lidar.driver.theta),
+                view_rad: lidar.driver.view_rad(),
+                reach_m: lidar.driver.range_max.map_or(guard.reach, |range| range.min(guard.reach)),
+            })
+            .collect(),
+        reaction_s: guard.reaction + sensing,
+        braking_mps2: robot.limits.deceleration_mps2,
+        body: (-rear, length - rear, robot.geometry.width_m / 2.0),
     })
 }
 
@@ -179,6 +229,7 @@ mod tests {
         let limits = limits(&place, Duration::from_secs(2)).unwrap();
         let first = |id| wire::Place { id, at: 0 };
         let drive = |node, command, reports: [u16; 2]| wire::Drive {
+            protocol: wire::Protocol::Canopen,
             node,
             command: first(command),
             target: 2,

@@ -14,11 +14,14 @@ mod world;
 
 pub use modules::{HardwareWatchdog, ModuleEntry, Modules, SIMULATOR};
 pub use robot::{
-    CanBus, Gamepad, General, Host, I2cBus, Imu, Io, Lidar, Log, ModbusBus, Robot, Rs485Bus, Sensors, Srf08, W1,
-    gpio_bus,
+    CanBus, Gamepad, General, Host, I2cBus, Imu, Io, Lidar, Log, ModbusBus, Robot, Rs485Bus, Sensors, SerialLine,
+    Srf08, W1, gpio_bus,
 };
 pub use scenario::{built_in_scenario, regressions, scenario};
-pub use world::{is_of_world, parsed as parsed_world, place as world_place, world};
+pub use world::{
+    Source as WorldSource, is_of_world, parsed as parsed_world, place as world_place, recorded as recorded_world,
+    without_files as world_without_files, world,
+};
 
 pub use settings::ConfigError;
 

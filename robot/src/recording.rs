@@ -2,9 +2,9 @@
 //!
 //! A file of inputs contains the configuration of the module as texts, so that it can be replayed on another machine
 //! and after the configuration has changed: `robot.toml`, `modules.toml`, each `--set`, and for the simulated robot
-//! `sim.toml` and its world, whose beacons are the robot's map; of those that know the drives, the data sheets by which
-//! these are driven. Other data sheets are left out: they are checked when a module is created and do not affect its
-//! behavior.
+//! `sim.toml` and its world, whose beacons are the robot's map, and the walls of the world's map; of those that know
+//! the drives, the data sheets by which these are driven. Other data sheets are left out: they are checked
+//! when a module is created and do not affect its behavior.
 
 use crate::config::{self, Config, ConfigError, SIMULATOR};
 use crate::place::RobotLocation;
@@ -15,7 +15,7 @@ use base::Duration;
 use canopen::eds::Eds;
 use drivers::canbus;
 use host::recorder::Inputs;
-use host::runs::{MODULES, OVERRIDES, ROBOT, SET, SIM, WORLD};
+use host::runs::{MODULES, OVERRIDES, ROBOT, SET, SIM, WALLS, WORLD};
 use logger::Attachment;
 use module::{Shell, State};
 use record::Header;
@@ -67,7 +67,9 @@ pub fn header(place: &RobotLocation, name: &str, wanted: State, options: HostOpt
     add(MODULES, place.config.join(MODULES))?;
     if place.sim {
         add(SIM, place.config.join(SIM))?;
-        add(WORLD, config::world_place(&place.config, place.world.as_deref()))?;
+        let source = config::WorldSource::read(&place.config, place.world.as_deref(), &place.sets)?;
+        texts.push((WORLD.into(), source.text));
+        texts.extend(source.walls.map(|walls| (WALLS.into(), walls)));
     }
     if [canbus::NAME, SIMULATOR, web::NAME].contains(&name) {
         let buses = Config::load(&place.config, place.sim, &place.sets)?.robot.can;
@@ -164,7 +166,8 @@ pub fn scene(header: &Header) -> Option<Scene> {
 }
 
 fn parsed_world(header: &Header, sets: &[String]) -> Result<World, ConfigError> {
-    config::parsed_world(node(header, WORLD)?, Path::new(WORLD), sets)
+    let walls = header.text(WALLS).map(|_| node(header, WALLS)).transpose()?;
+    config::recorded_world(node(header, WORLD)?, Path::new(WORLD), sets, walls)
 }
 
 fn options(header: &Header) -> Result<HostOptions, ConfigError> {

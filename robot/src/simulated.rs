@@ -1,6 +1,6 @@
 //! The simulated side of a robot: its buses with their boards and drives, its body, a world.
 
-use crate::config::{CanBus, ConfigError, Imu, Lidar, ModbusBus, Robot, gpio_bus};
+use crate::config::{ConfigError, Imu, Lidar, ModbusBus, Robot, SerialLine, gpio_bus};
 use crate::place::{GAMEPAD_BUS, HOST_BUS, RobotLocation, W1_BUS};
 use crate::sheets;
 use base::Duration;
@@ -27,8 +27,8 @@ use simulator::imu::ImuConfig;
 use simulator::lidar::{LidarConfig, LidarModel};
 use simulator::world::World;
 use simulator::{
-    Axis, BoardConfig, BoardKind, CanConfig, ComputerConfig, Config, DeviceConfig, DriveConfig, DriveKind, HostConfig,
-    I2cConfig, LineConfig, ModbusConfig, SerialConfig, W1Config,
+    Axis, BoardConfig, BoardKind, CanConfig, ComputerConfig, Config, DeviceConfig, DriveConfig, DriveKind,
+    DriveLineConfig, HostConfig, I2cConfig, LineConfig, ModbusConfig, MotorConfig, SerialConfig, W1Config,
 };
 
 /// A steering motor by a data sheet could turn the wheels so much faster than it is to: a unit of velocity that is not
@@ -100,6 +100,7 @@ pub(crate) fn config(
         parameters,
         wheels,
         can,
+        drive_lines: robot.serial.iter().map(|line| drive_line(robot, line)).collect(),
         serial: serial.collect(),
         i2c: i2c.collect(),
         w1,
@@ -202,10 +203,10 @@ fn words(place: &Place, value: f64) -> Vec<u16> {
 
 /// The CAN bus of `driver_canbus`: its drives, those of the propulsion first, and the output that feeds the motors.
 fn can(place: &RobotLocation, robot: &Robot) -> Result<Option<CanConfig>, ConfigError> {
-    let driver = |bus: &&CanBus| bus.driver.driver(String::new(), robot.base, &robot.geometry, robot.limits).is_some();
-    let Some(mut bus) = robot.can.iter().find(driver).cloned() else { return Ok(None) };
+    let number = robot.motion(&robot.can).and_then(|(number, _)| number);
+    let Some(mut bus) = number.and_then(|number| robot.can.get(number)).cloned() else { return Ok(None) };
     sheets::read(place, &mut bus)?;
-    bus.driver.nodes.sort_by_key(|node| (node.axis == canbus::Axis::Steering, wheel(robot, node)));
+    bus.driver.nodes.sort_by_key(|node| (node.axis == canbus::Axis::Steering, wheel(robot, node.axis)));
     Ok(Some(CanConfig {
         bus: format!("can.{}", bus.name),
         bitrate: bus.driver.bitrate,
@@ -217,26 +218,38 @@ fn can(place: &RobotLocation, robot: &Robot) -> Result<Option<CanConfig>, Config
     }))
 }
 
+/// A serial line with the motor controller that its keys describe.
+fn drive_line(robot: &Robot, own: &SerialLine) -> DriveLineConfig {
+    let canbus::LineConfig { bus, baud, device, motors } = own.line();
+    let motor =
+        |(axis, gear): (canbus::Axis, f64)| MotorConfig { name: axis.name().into(), wheel: wheel(robot, axis), gear };
+    DriveLineConfig { bus, baud, device, motors: motors.into_iter().map(motor).collect() }
+}
+
 /// Number of the wheel that a drive turns.
-fn wheel(robot: &Robot, node: &canbus::Node) -> u8 {
+fn wheel(robot: &Robot, own: canbus::Axis) -> u8 {
     let axes = robot.base.iter().flat_map(Base::axes);
-    (0..).zip(axes).find(|(_, axis)| **axis == node.axis.name()).map_or(0, |(number, _)| number)
+    (0..).zip(axes).find(|(_, axis)| **axis == own.name()).map_or(0, |(number, _)| number)
 }
 
 /// A drive, as its keys describe it.
 fn drive(robot: &Robot, node: &canbus::Node) -> Result<DriveConfig, ConfigError> {
     let name = node.axis.name();
     let missing = || ConfigError(vec![format!("simulator: the data sheet of the {name} drive was not read")]);
-    let controller = |gear, device| DriveKind::Controller { wheel: wheel(robot, node), gear, device };
+    let controller = |gear, device| DriveKind::Controller { wheel: wheel(robot, node.axis), gear, device };
     let kind = match &node.drive {
-        canbus::Drive::Epos(epos) => DriveKind::Epos { wheel: wheel(robot, node), gear: epos.gear },
+        canbus::Drive::Epos(epos) => DriveKind::Epos { wheel: wheel(robot, node.axis), gear: epos.gear },
         canbus::Drive::Icla(icla) => {
             DriveKind::Icla(Gearing { counts_per_turn: icla.counts_per_turn, gear: icla.gear })
         }
         canbus::Drive::Odrive(keys) => controller(keys.gear, keys.device(node.id)),
-        canbus::Drive::Vesc(keys) => controller(keys.gear, keys.device(node.id)),
+        canbus::Drive::Vesc(keys) => controller(keys.motor.gear, keys.device(node.id)),
         canbus::Drive::Cia402(keys) => DriveKind::Cia402(Box::new(Cia402Config {
-            axis: if node.axis == canbus::Axis::Steering { Axis::Steering } else { Axis::Wheel(wheel(robot, node)) },
+            axis: if node.axis == canbus::Axis::Steering {
+                Axis::Steering
+            } else {
+                Axis::Wheel(wheel(robot, node.axis))
+            },
             sheet: node.sheet.clone().ok_or_else(missing)?,
             gear: keys.gear,
             counts_per_turn: keys.counts_per_turn,

@@ -1,6 +1,6 @@
 //! Which module is made of what, and where its ports are: the configuration becomes modules here, and nowhere else.
 
-use crate::config::{self, CanBus, Config, ConfigError, ModbusBus, ModuleEntry, Robot, SIMULATOR, gpio_bus};
+use crate::config::{self, Config, ConfigError, ModbusBus, ModuleEntry, Robot, SIMULATOR, gpio_bus};
 use crate::launch::launcher;
 use crate::map_file;
 #[cfg(feature = "ros2")]
@@ -25,9 +25,11 @@ use record::{Recorder, Sink};
 use settings::robot::{Beacon, DrivenAxle, Geometry};
 use sim::host::{self, Virtual};
 use simulator::world::World;
+use std::fs;
 use std::path::{Path, PathBuf};
 use watchdog::Watchdog;
 use web::Web;
+use web::center::scene::Scene;
 use web::center::{authority, command};
 
 pub use ::host::ports::settings::can_port_beside;
@@ -72,6 +74,7 @@ pub(crate) fn policy(config: &Config) -> Policy {
         ranging: ours(rs485a::NAME).filter(|_| has_ranging),
         lidar: ours(lidar::NAME),
         imu: ours(imu::NAME),
+        io: ours(io::NAME).filter(|_| config.robot.stop.signals().next().is_some()),
         motion: ours(canbus::NAME),
         estimator: ours(estimator::NAME),
         planner: ours(planner::NAME),
@@ -166,6 +169,7 @@ fn virtual_machine_made(
     config.full_duplex.extend(connections.map(ModbusBus::bus));
     config.full_duplex.extend(read.robot.lidar.iter().map(config::Lidar::bus));
     config.full_duplex.extend(read.robot.imu.iter().map(config::Imu::bus));
+    config.full_duplex.extend(read.robot.serial.iter().map(config::SerialLine::bus));
     let restart_delay_max = Some(config.restart_delay_max);
     let options = HostOptions { wire_time: false, seed: Some(config.seed), restart_delay_max, logs, guarded: true };
     let mut make = move |name: &str, wanted| {
@@ -380,6 +384,11 @@ fn place_of(place: &RobotLocation, robot: &Robot, bus: &str, simulated_side: boo
                 Some(imu) => Ok(imu.port.stream().port(run_dir)),
                 None => return missing(),
             },
+            (("serial", _), side) => match robot.serial.iter().find(|line| line.bus() == bus) {
+                Some(line) if side => line.port.stream().simulated(run_dir, bus),
+                Some(line) => Ok(line.port.stream().port(run_dir)),
+                None => return missing(),
+            },
             (("gpio", _), side) => match robot.io.iter().flat_map(|io| &io.gpio).find(|keys| gpio_bus(keys) == bus) {
                 Some(keys) => gpio_line(run_dir, keys, side),
                 None => return missing(),
@@ -440,6 +449,7 @@ fn raw_name(robot: &Robot, bus: &str) -> Option<String> {
         "modbus" => robot.io.as_ref()?.modbus.iter().find(|line| line.name == name)?.port.raw,
         "lidar" => robot.lidar.iter().find(|lidar| lidar.name == name)?.port.raw,
         "imu" => robot.imu.iter().find(|imu| imu.name == name)?.port.raw,
+        "serial" => robot.serial.iter().find(|line| line.name == name)?.port.raw,
         "i2c" => robot.i2c.iter().find(|i2c| i2c.name == name)?.port.raw,
         _ => false,
     };
@@ -505,6 +515,14 @@ fn rs485b(robot: &Robot) -> Result<rs485b::Rs485b, ConfigError> {
     rs485b::Rs485b::new(config).or_else(|error| refused(format!("driver_rs485b: {error}")))
 }
 
+/// Text of the file of the simulated world, for the scenario editor; empty where there is none, where it was not read
+/// (a recorded run has another one), and where it is too long to be sent back.
+fn world_text(place: &RobotLocation, world: Option<&World>) -> String {
+    let path = config::world_place(&place.config, place.world.as_deref());
+    let text = world.and_then(|_| fs::read_to_string(path).ok());
+    text.filter(|text| text.len() <= command::SCENARIO_MAX).unwrap_or_default()
+}
+
 /// `web`: where it is reached, and what it shows besides what is said.
 fn web_settings(place: &RobotLocation, config: &Config, robot: &Robot, world: Option<&World>) -> web::Settings {
     // A map that cannot be read is the planner's to tell.
@@ -525,7 +543,7 @@ fn web_settings(place: &RobotLocation, config: &Config, robot: &Robot, world: Op
         web: robot.web.clone(),
         config: place.config.clone(),
         scene: scene::translated(robot),
-        center: scene::of(robot, world, map.as_ref()).with_faults(faults),
+        center: Scene { world: world_text(place, world), ..scene::of(robot, world, map.as_ref()).with_faults(faults) },
         recorded: recording::scene,
         picture: |run| picture::png(run, recording::described),
         critical: config.critical().collect(),
@@ -595,17 +613,17 @@ fn auxiliary(robot: &Robot) -> Result<auxiliary::Auxiliary, ConfigError> {
     driver.or_else(|error| refused(format!("driver_aux: {error}")))
 }
 
-/// `driver_canbus`: the CAN bus that both drives are on.
+/// `driver_canbus`: the CAN bus that the drives are on, and the serial lines.
 pub(crate) fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> Result<canbus::Canbus, ConfigError> {
     let robot = &config.robot;
     let mut buses = robot.can.clone();
     buses.iter_mut().try_for_each(|bus| sheets::read(place, bus))?;
-    let usual =
-        |bus: &CanBus| bus.driver.driver(format!("can.{}", bus.name), robot.base, &robot.geometry, robot.limits);
-    let Some((bus, usual)) = buses.iter().find_map(|bus| Some((bus, usual(bus)?))) else {
+    let Some((bus, usual)) = robot.motion(&buses) else {
         let axes = if robot.base.is_none() { "both axes".into() } else { robot.axes().join(", ") };
-        return refused(format!("driver_canbus: robot.toml has no [can.<bus>] with {axes}"));
+        let lines = if robot.serial.is_empty() { "" } else { ", alone or with the tables [serial.<name>]" };
+        return refused(format!("driver_canbus: robot.toml has no [can.<bus>] with {axes}{lines}"));
     };
+    let bus = bus.map(|number| &buses[number]);
     // The watchdog's list says of each process whether it can be judged. Where no other one is critical, its own row
     // does: a watchdog that is late finds a hang of this one too late, too.
     let (own, others): (Vec<_>, Vec<_>) = config.critical().partition(|name| name == canbus::NAME);
@@ -621,8 +639,10 @@ pub(crate) fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> R
         protection: protection(&robot.guard, &robot.geometry),
         ..usual
     };
-    let driver = canbus::Canbus::new(config).or_else(|error| refused(sheets::named(place, bus, &error)))?;
-    sheets::check(place, bus, &driver)?;
+    let driver = canbus::Canbus::new(config).or_else(|error| {
+        refused(bus.map_or_else(|| format!("driver_canbus: {error}"), |bus| sheets::named(place, bus, &error)))
+    })?;
+    bus.map_or(Ok(()), |bus| sheets::check(place, bus, &driver))?;
     Ok(driver)
 }
 
@@ -640,7 +660,7 @@ fn guard(robot: &Robot) -> Result<guard::Guard, ConfigError> {
 
 /// `driver_io`: the Modbus and GPIO lines.
 fn inputs_and_outputs(robot: &Robot) -> Result<io::Io, ConfigError> {
-    let Some(config) = robot.io.as_ref().map(|io| io.config(&robot.signals, W1_BUS)) else {
+    let Some(config) = robot.io.as_ref().map(|io| io.config(&robot.signals, W1_BUS, &robot.stop)) else {
         return refused("driver_io: robot.toml has no table [io]".into());
     };
     io::Io::new(config).or_else(|error| refused(format!("driver_io: {error}")))

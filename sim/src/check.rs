@@ -36,6 +36,7 @@ mod restarts;
 mod resumes;
 mod rival;
 mod second_robot;
+mod sight;
 mod single;
 mod sources;
 mod stop;
@@ -48,6 +49,7 @@ pub mod wire;
 pub use blind::RangingBoard;
 pub use bounded::Guarded;
 pub use promise::Promise;
+pub use sight::{Hits, SeeingLidar, Sight};
 
 use crate::host::News;
 use base::can::{Frame, Id};
@@ -59,6 +61,7 @@ use module::State;
 use module::admission::{Commands, Sender};
 use pace::Pace;
 use simulator::people::NoContact;
+use simulator::world::World;
 use std::fmt;
 
 /// Name of the steering's axis.
@@ -71,6 +74,15 @@ pub struct Base {
     pub chassis: Chassis,
     /// Deceleration of the wheels, m/s².
     pub deceleration_mps2: f64,
+}
+
+/// A source of PAUSE that a module of the robot reports, beside the power controller.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StopReport {
+    /// Its name in `LL_EVENT_STOP`: `lidar.front`, `io.estop`.
+    pub source: String,
+    /// The module that alone reports that it is free.
+    pub module: String,
 }
 
 /// Bounds of the rules, and names of the modules.
@@ -86,6 +98,8 @@ pub struct Limits {
     pub critical: Vec<String>,
     /// Module of the power controller, which reports the PAUSE line; absent without one.
     pub power: Option<String>,
+    /// Other sources of PAUSE without whose reports the robot does not move.
+    pub stops: Vec<StopReport>,
     /// Module that knows where the robot is, and alone says so; absent: whoever may command.
     pub estimator: Option<String>,
     /// Who may command.
@@ -116,6 +130,8 @@ pub struct Limits {
     pub speed_autonomous: f64,
     /// Deceleration of a quick stop, m/s².
     pub quick_stop: f64,
+    /// Deceleration without commands, m/s², of drives that then roll on; `None`: they stop by themselves.
+    pub coasting: Option<f64>,
     /// Time to live of a command.
     pub ttl: Duration,
     /// Boards of range finders.
@@ -128,6 +144,8 @@ pub struct Limits {
     pub guard: Option<Guarded>,
     /// What a guard with sonars promises; absent: none of it is judged.
     pub promise: Option<Promise>,
+    /// What a guard with lidars promises; absent: none of it is judged.
+    pub sight: Option<Sight>,
     /// Maximum delay between the end of a process and its restart.
     pub restart_max: Duration,
 }
@@ -141,6 +159,24 @@ impl Limits {
     /// Number and statusword of the wheel whose drive reports in this frame.
     fn reported(&self, id: u16, data: &[u8]) -> Option<(usize, u16)> {
         self.wheels.iter().enumerate().find_map(|(number, wheel)| Some((number, wheel.drive.reported(id, data)?)))
+    }
+
+    /// True for the port of a lidar that the guard uses.
+    fn is_lidar(&self, target: &str) -> bool {
+        self.sight.as_ref().is_some_and(|sight| sight.lidars.iter().any(|lidar| lidar.bus == target))
+    }
+
+    /// Number of the wheel whose motor controller reports in this frame that it is disarmed.
+    fn disarmed(&self, id: u16, data: &[u8]) -> Option<usize> {
+        self.wheels.iter().position(|wheel| {
+            let drive = &wheel.drive;
+            drive.protocol != wire::Protocol::Canopen && drive.heartbeat(id, data) == Some(wire::Heartbeat::Down)
+        })
+    }
+
+    /// True if a drive is sent its set-point in each period, not with each decision only.
+    fn repeats(&self) -> bool {
+        self.wheels.iter().any(|wheel| wheel.drive.protocol != wire::Protocol::Canopen)
     }
 
     /// All drives, with their names.
@@ -212,6 +248,7 @@ pub struct Checkers {
     restarts: restarts::Rule,
     rival: rival::Rule,
     second_robot: second_robot::Rule,
+    sight: sight::Rule,
     single: single::Rule,
     stop: stop::Rule,
     stopped: stopped::Rule,
@@ -243,6 +280,7 @@ impl Checkers {
             restarts: restarts::Rule::default(),
             rival: rival::Rule::default(),
             second_robot: second_robot::Rule::default(),
+            sight: sight::Rule::default(),
             single: single::Rule::default(),
             pace: Pace::default(),
             stopped: stopped::Rule::default(),
@@ -250,6 +288,20 @@ impl Checkers {
             setpoints: 0,
             violation: None,
         }
+    }
+
+    /// The same, of a robot in this world: without it nothing is judged by what is in sight.
+    #[must_use]
+    pub fn in_world(mut self, world: &World) -> Self {
+        self.sight.set_world(world);
+        self
+    }
+
+    /// Contacts at more than 0.05 m/s in which the robot moved: with what was in sight of a lidar for the time that it
+    /// takes to stop, and with what came out of hiding. Both 0 without a guard that uses lidars.
+    #[must_use]
+    pub fn hits(&self) -> (Hits, Hits) {
+        (self.sight.seen, self.sight.hidden)
     }
 
     /// First violation.
@@ -328,7 +380,10 @@ impl Checkers {
                 Ok(())
             }
             News::Note { line, .. } => match line.parse() {
-                Ok(contact) => named("promise", self.promise.on_contact(now, &contact, facts)),
+                Ok(contact) => {
+                    named("promise", self.promise.on_contact(now, &contact, facts))?;
+                    named("sight", self.sight.on_contact(now, &contact, facts))
+                }
                 Err(NoContact) => Ok(()),
             },
             News::Started { module, pid } => {
@@ -369,6 +424,10 @@ impl Checkers {
                     self.restarts.on_watchdog();
                 }
                 named("stopped", self.stopped.on_state(now, module, *state, facts))
+            }
+            News::Fault { target, fault, until } => {
+                self.sight.on_fault(now, target, fault, *until, facts);
+                Ok(())
             }
             News::Dropped { whose, count } => named("queues", queues::on_dropped(now, whose, *count, facts)),
             _ => Ok(()),
@@ -447,6 +506,7 @@ impl Checkers {
             }
             Message::SimDataTruth(truth) => {
                 self.promise.on_truth(truth);
+                self.sight.on_truth(now, truth, facts);
                 let speed = self.pace.speed(now, pid, truth, facts.limits.base.as_ref());
                 named("pause", self.pause.on_truth(now, speed, facts))?;
                 named("body", self.body.on_truth(now, speed, facts))?;
@@ -456,8 +516,13 @@ impl Checkers {
                 named("stop", self.stop.on_truth(now, speed, facts))?;
                 named("wanted", self.wanted.on_time(now))
             }
+            Message::SimDataPeople(people) => {
+                self.sight.on_people(now, people, facts);
+                Ok(())
+            }
             Message::LlCmdCreep(_) => {
                 self.promise.on_creep(now);
+                self.sight.on_creep(now);
                 Ok(())
             }
             Message::CmCmdState(command) => {

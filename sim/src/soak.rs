@@ -157,7 +157,7 @@ pub fn episode(stage: &Stage<'_>, number: u64, faults: &[Fault], make: &mut Make
     };
     let machine = make(config)?;
     let watch = Rc::new(RefCell::new(Watch {
-        checkers: Checkers::new(stage.limits.clone()),
+        checkers: Checkers::new(stage.limits.clone()).in_world(stage.world),
         operator: Operator::new(scenario.operator, stage.limits, stage.world, seed),
         meter: Meter::new(stage.limits.clone()),
         clearance: f64::INFINITY,
@@ -207,6 +207,8 @@ impl<'a> Episode<'a> {
         let mut figures = watch.meter.figures.clone();
         figures.goals = watch.operator.goals();
         figures.worst.rules = watch.checkers.times();
+        let (seen, hidden) = watch.checkers.hits();
+        (figures.touched.in_sight, figures.touched.out_of_hiding) = (seen.into(), hidden.into());
         Outcome {
             digest: self.machine.digest(),
             time: self.machine.now().since(Instant::ZERO),

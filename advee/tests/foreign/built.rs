@@ -32,7 +32,7 @@ impl Built {
     /// In C#, on a bus class of our own and the types by 1.5.3.
     pub fn in_csharp() -> Option<&'static Self> {
         static BUILT: OnceLock<Built> = OnceLock::new();
-        Self::once(&BUILT, "csharp", &["csharp", "csharp/Broken.exe"], &["mcs", "mono"])
+        Self::once(&BUILT, "csharp", &["csharp", "csharp/Broken.exe", "csharp/Hostile.exe"], &["mcs", "mono"])
     }
 
     /// Made by the Python package and these programs, once.
@@ -103,6 +103,7 @@ fn class(module: &str) -> &'static str {
     match module {
         "battery_watch" => "BatteryWatch",
         "presentation" => "Presentation",
+        "hostile" => "Hostile",
         _ => "Broken",
     }
 }

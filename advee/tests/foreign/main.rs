@@ -5,6 +5,7 @@ mod actions;
 mod alone;
 mod built;
 mod gym;
+mod hostile;
 mod milestones;
 mod page;
 mod planner;

@@ -319,7 +319,7 @@ fn a_board_with_bad_crcs_is_reported_as_degraded_and_as_lost_and_the_robot_stand
     robot.pass(30.0);
     let degraded = "sd1_front (0x10 on rs485.a) fails repeatedly: it answers with a wrong CRC; polled on";
     let lost = "sd1_front (0x10 on rs485.a) answers with a wrong CRC: its data is invalid, polled once a second";
-    let blind = "the robot is stopped: ranging board sd1_front is not heard";
+    let blind = "the robot is stopped: ranging board sd1_front does not answer";
     let expected = [
         (Severity::Error, Fault::RangingLost, blind.to_string()),
         (Severity::Warning, Fault::BoardDegraded, degraded.to_string()),
@@ -332,7 +332,7 @@ fn a_board_with_bad_crcs_is_reported_as_degraded_and_as_lost_and_the_robot_stand
     assert_eq!((node.timeouts, node.state), (0, lowlevel::Node::LOST));
     let heard = robot.seen.borrow().odo - odo;
     assert!(heard >= 590, "{heard} of 600: the other boards are asked as before");
-    robot.stands("ranging board sd1_front is not heard");
+    robot.stands("ranging board sd1_front does not answer");
 
     robot.fault("sd1_front", "none", 0.0);
     robot.pass(3.0);
@@ -354,14 +354,14 @@ fn an_unknown_instruction_is_reported_once_and_counted_and_the_robot_stands() {
     robot.fault("sd1_rear", "refuses", 25.0);
     robot.pass(20.0);
     let refused = "sd1_rear (0x11 on rs485.a) does not know instruction 0x10; polled on, its data is missing";
-    let blind = "the robot is stopped: ranging board sd1_rear is not heard";
+    let blind = "the robot is stopped: ranging board sd1_rear does not answer";
     let expected = [
         (Severity::Warning, Fault::BoardRefused, refused.to_string()),
         (Severity::Error, Fault::RangingLost, blind.to_string()),
     ];
     assert_eq!(robot.reports(), expected);
     assert_eq!(robot.node("sd1_rear").state, lowlevel::Node::OK, "it answers");
-    robot.stands("ranging board sd1_rear is not heard");
+    robot.stands("ranging board sd1_rear does not answer");
     robot.pass(7.0);
     let reports = robot.reports();
     let again = "sd1_rear (0x11 on rs485.a) executes its instructions again, after ";

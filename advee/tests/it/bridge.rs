@@ -1,5 +1,5 @@
 //! Two computers of a robot, each a network name space with a bus of its own, joined by a cable and the bridge: what
-//! crosses, who is refused, and what happens when the cable is pulled.
+//! crosses, who is refused, and what happens when the cable is pulled, or delays and loses what it carries.
 
 #![allow(clippy::unwrap_used, reason = "a test's helpers may panic too")]
 
@@ -12,8 +12,9 @@ use messages::{Channel, Hold, Message, lowlevel};
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Stdio};
-use std::sync::{Arc, Mutex};
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, mpsc};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -99,7 +100,11 @@ struct Bus {
 
 impl Bus {
     fn on(host: &Host) -> Self {
-        Self { lcm: host.run(|| support::listen(URL)), seen: Vec::new(), state: None }
+        Self::at(host, URL)
+    }
+
+    fn at(host: &Host, url: &str) -> Self {
+        Self { lcm: host.run(|| support::listen(url)), seen: Vec::new(), state: None }
     }
 
     fn publish(&mut self, channel: &str, payload: &[u8]) {
@@ -314,5 +319,179 @@ fn a_robot_that_a_source_beyond_the_bridge_drives_stands_when_the_cable_is_pulle
         robot.until("the robot moves", 20.0, |view| view.speed() > 0.35);
         drop(source);
         robot.until("the robot stands", 2.0, |view| view.speed().abs() < 0.01);
+    });
+}
+
+/// Quality of a cable, each way.
+#[derive(Clone, Copy)]
+struct Cable {
+    delay_ms: u64,
+    loss_percent: u32,
+}
+
+/// Half of this, as the uncertainty of a message's age, counts as age: 80 ms of the 250 ms that are permitted.
+const SHORT: Cable = Cable { delay_ms: 40, loss_percent: 0 };
+/// Later than permitted, and less than the 400 ms without a record after which a connection counts as lost.
+const LONG: Cable = Cable { delay_ms: 300, loss_percent: 0 };
+/// Every third packet is lost, and sent again.
+const LOSSY: Cable = Cable { delay_ms: 40, loss_percent: 33 };
+/// Minimum time after which TCP of Linux sends a lost packet again, ms.
+const RETRANSMISSION_MS: u64 = 200;
+
+/// Program on the cable that carries connections to the bridge of the first computer and delays every piece. What
+/// follows a lost packet waits for it, as it does in TCP.
+struct Relay {
+    delay_ms: AtomicU64,
+    loss_percent: AtomicU32,
+}
+
+impl Relay {
+    fn on(listener: TcpListener) -> Arc<Self> {
+        let relay = Arc::new(Self { delay_ms: AtomicU64::new(0), loss_percent: AtomicU32::new(0) });
+        let accepting = relay.clone();
+        thread::spawn(move || {
+            for connector in listener.incoming() {
+                let connector = connector.unwrap();
+                // The bridge may not listen yet; the other one connects again.
+                let Ok(bridge) = TcpStream::connect(NEAR) else { continue };
+                for (from, to) in [(&connector, &bridge), (&bridge, &connector)] {
+                    accepting.carry(from.try_clone().unwrap(), to.try_clone().unwrap());
+                }
+            }
+        });
+        relay
+    }
+
+    fn set(&self, cable: Cable) {
+        self.delay_ms.store(cable.delay_ms, Ordering::Relaxed);
+        self.loss_percent.store(cable.loss_percent, Ordering::Relaxed);
+    }
+
+    /// Carries one direction of a connection until one end closes it.
+    fn carry(self: &Arc<Self>, mut from: TcpStream, mut to: TcpStream) {
+        let _ = to.set_nodelay(true);
+        let (pieces, queue) = mpsc::channel::<(Instant, Vec<u8>)>();
+        let relay = self.clone();
+        thread::spawn(move || {
+            let (mut bytes, mut random) = ([0; 4096], testing::Random::new(7));
+            while let Ok(count @ 1..) = from.read(&mut bytes) {
+                let is_lost = random.below(100) < relay.loss_percent.load(Ordering::Relaxed).into();
+                let again = if is_lost { RETRANSMISSION_MS } else { 0 };
+                let due = Instant::now() + Duration::from_millis(relay.delay_ms.load(Ordering::Relaxed) + again);
+                if pieces.send((due, bytes[..count].to_vec())).is_err() {
+                    break;
+                }
+            }
+            let _ = from.shutdown(std::net::Shutdown::Both);
+        });
+        thread::spawn(move || {
+            for (due, piece) in queue {
+                thread::sleep(due.saturating_duration_since(Instant::now()));
+                if to.write_all(&piece).is_err() {
+                    break;
+                }
+            }
+            let _ = to.shutdown(std::net::Shutdown::Both);
+        });
+    }
+}
+
+/// Sets delay and loss of one end of a cable, in the kernel.
+fn netem(host: &Host, interface: &str, cable: Cable) -> testing::Found<()> {
+    let Cable { delay_ms, loss_percent } = cable;
+    let arguments = format!("qdisc replace dev {interface} root netem delay {delay_ms}ms loss {loss_percent}%");
+    let output = host.run(|| Command::new("tc").args(arguments.split(' ')).output());
+    let output = output.map_err(|error| format!("tc: {error} (tools/require ip installs it)"))?;
+    match output.status.success() {
+        true => Ok(()),
+        false => Err(format!("no netem in this kernel: {}", String::from_utf8_lossy(&output.stderr).trim())),
+    }
+}
+
+/// A robot, driven by a source beyond a bridge that connects to the address `to`, on a cable that `set` changes.
+fn drives_by_a_cable_that_delays(here: &Host, there: &Host, name: &str, to: &str, set: impl Fn(Cable)) {
+    let folder = Folder::new(name);
+    let key = folder.key("key");
+    let (commands, measured) = (r#"["LL_CMD_MOTION", "LL_EVENT_STOP", "CM_CMD_STATE"]"#, r#"["LL_DATA_MOTION"]"#);
+    set(SHORT);
+    let _far = bridge(there, &folder, "far", &sets(&connects(to), &key, commands, measured));
+    let near = sets(&listens(), &key, measured, commands);
+    let near: Vec<&str> = near.iter().map(String::as_str).collect();
+    let mut robot = Robot::ready(&near);
+    let (mut near, mut far) = (Bus::at(here, &robot.url), Bus::on(there));
+    let _source = drives(there, &folder, 0.4);
+    robot.until("the robot moves", 10.0, |view| view.speed() > 0.35);
+    for _ in 0..40 {
+        robot.pass(0.05);
+        let has_stopped = robot.view.motion.as_ref().unwrap().quick_stop || robot.view.speed() < 0.35;
+        assert!(!has_stopped, "{} m/s: {}", robot.view.speed(), robot.view.reason());
+    }
+
+    until("the state of the connection arrives", || {
+        near.receive();
+        near.state.is_some()
+    });
+    let late = near.state.as_ref().unwrap().late;
+    set(LONG);
+    let begun = robot.until("the quick stop begins", 1.0, |view| view.motion.as_ref().unwrap().quick_stop);
+    println!("the quick stop began {} ms after the delay", begun.as_millis());
+    robot.until("the robot stands", 1.0, |view| view.speed().abs() < 0.01);
+    until("late commands are counted, and the connection remains", || {
+        near.receive();
+        near.state.as_ref().is_some_and(|state| state.connected && state.late > late + 10)
+    });
+    robot.pass(0.5);
+    assert!(robot.view.speed().abs() < 0.01, "{} m/s by late commands", robot.view.speed());
+
+    set(SHORT);
+    robot.until("commands arrive in time again", 10.0, |view| view.causes() == [Hold::NotReleased]);
+    robot.pass(1.0);
+    assert!(robot.view.speed().abs() < 0.01, "{} m/s: it resumed", robot.view.speed());
+
+    // What stops the robot crosses however late it is.
+    set(LONG);
+    let engaged = encoded(lowlevel::EventStop { timestamp: 0, engaged: true, source: "mast".into() });
+    far.publish("LL_EVENT_STOP", &engaged);
+    robot.until("a late stop engages", 5.0, |view| view.causes().contains(&Hold::PauseOther));
+    set(LOSSY);
+    until("PAUSE is commanded by a cable that loses packets", || {
+        let pause = module::State::Pause as i8;
+        let command = messages::common::CmdState { module: "driver_canbus".into(), state: pause, ..Default::default() };
+        far.publish("CM_CMD_STATE", &encoded(command));
+        robot.pass(0.2);
+        robot.view.causes().contains(&Hold::ModulePaused)
+    });
+    assert!(robot.view.speed().abs() < 0.01, "{}", robot.view.speed());
+}
+
+#[test]
+fn a_delay_on_the_cable_beyond_the_age_that_is_permitted_stops_the_robot_and_stops_still_cross() {
+    let test = "a_delay_on_the_cable_beyond_the_age_that_is_permitted_stops_the_robot_and_stops_still_cross";
+    on_a_host(test, |here| {
+        let (there, at) = (cabled(&here), "10.1.2.1:7668");
+        let relay = Relay::on(TcpListener::bind(at).unwrap());
+        support::undisturbed(|| {
+            drives_by_a_cable_that_delays(&here, &there, "bridge-delay", at, |cable| relay.set(cable));
+        });
+    });
+}
+
+#[test]
+fn a_delay_of_the_kernel_beyond_the_age_that_is_permitted_stops_the_robot_and_stops_still_cross() {
+    let test = "a_delay_of_the_kernel_beyond_the_age_that_is_permitted_stops_the_robot_and_stops_still_cross";
+    on_a_host(test, |here| {
+        let there = cabled(&here);
+        let ends = [(&here, "eth7"), (&there, "eth8")];
+        let tried = ends.iter().try_for_each(|(host, interface)| netem(host, interface, SHORT));
+        if testing::machine_or_skip(tried).is_none() {
+            return;
+        }
+        support::undisturbed(|| {
+            drives_by_a_cable_that_delays(&here, &there, "bridge-netem", NEAR, |cable| {
+                for (host, interface) in ends {
+                    netem(host, interface, cable).unwrap();
+                }
+            });
+        });
     });
 }

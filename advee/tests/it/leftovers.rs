@@ -21,7 +21,9 @@ fn nothing_outlives_a_parent_that_is_killed_and_the_next_one_clears_up() {
     let refused = robot.advee(&["up", "--sim", "--headless"]);
     let why = String::from_utf8_lossy(&refused.stderr).into_owned();
     assert!(
-        !refused.status.success() && why.contains("is held by another advee up") && why.lines().count() == 1,
+        refused.status.code() == Some(1)
+            && why.contains(&format!("is held by another advee up, process {}: end that robot first", up(&robot)))
+            && why.lines().count() == 1,
         "{why}"
     );
 

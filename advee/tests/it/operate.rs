@@ -91,6 +91,10 @@ fn a_fault_is_listed_refused_injected_followed_and_ended_from_the_shell() {
     assert!(follow.wait().unwrap().success());
     until(&robot, &["errors", "driver_aux"], |text| text == "no fault is active\n");
     assert!(refused(&robot, &["errors", "nobody"]).contains("nobody is not heard"));
+    let begin = std::time::Instant::now();
+    let none = refused(&robot, &["io"]);
+    assert!(none.contains("robot.toml names no inputs or outputs"), "{none}");
+    assert!(begin.elapsed().as_secs() < 30, "waits for a driver that does not run: {:?}", begin.elapsed());
     assert_eq!(robot.stop(), 0);
 }
 

@@ -136,3 +136,26 @@ fn the_hall_is_a_map_too() {
     let told: Value = serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{output:?}"));
     assert!(output.status.success() && told["found"] == true, "{told}");
 }
+
+#[test]
+fn a_world_is_written_as_a_map_and_read_as_a_world() {
+    let folder = map("world");
+    let conf = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().join("conf/advee");
+    let advee = |arguments: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_advee"));
+        command.current_dir(&folder).args(arguments).args(["--config", conf.to_str().unwrap()]).output().unwrap()
+    };
+    let output = advee(&["world", "map", "--world", "hall", "--out", "hall.yaml"]);
+    let told = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success() && told.starts_with("hall.yaml: 0…20 by 0…12.05 m, "), "{output:?}");
+    assert!(folder.join("hall.pgm").is_file());
+    let way = ["--start", "3,6,0", "--goal", "18,2", "--tolerance", "0.2"];
+    for from in [["plan", "--map", "hall.yaml"], ["plan", "--world", "hall.yaml"], ["plan", "--world", "room.yaml"]] {
+        let output = advee(&[&from[..], &way[..]].concat());
+        assert_eq!(output.status.success(), from[2] == "hall.yaml", "{from:?}: {output:?}");
+    }
+    let output = advee(&["world", "map", "--world", "hall", "--out", "hall.png"]);
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && told.contains("hall.png: a map's name ends in .yaml"), "{told}");
+    fs::remove_dir_all(folder).unwrap();
+}

@@ -118,6 +118,38 @@ fn virtual_time_is_fast_stands_still_steps_and_begins_anew() {
     good(&robot, &["sim", "reset"]);
     robot.until("it is at its start", SOON, |view| position(view) == start);
 
+    // A scenario that was drawn on the page comes as the text of a world.
+    let mut page = support::listen(&robot.url);
+    let mut scenario = |world: &str, timestamp: i64| {
+        let world = world.into();
+        let command =
+            CmdRun { timestamp, action: CmdRun::SCENARIO, world, source: "test".into(), ..Default::default() };
+        let mut bytes = Vec::new();
+        messages::Message::from(command).encode(&mut bytes).unwrap();
+        page.publish("SIM_CMD_RUN", &bytes).unwrap();
+    };
+    let files = |robot: &Robot| {
+        let names = std::fs::read_dir(&robot.run_dir).unwrap().map(|entry| entry.unwrap().file_name());
+        names.filter(|name| name.to_string_lossy().starts_with("scenario-")).count()
+    };
+    scenario("start = [3.0, 4.0, 0.0]\nmoon = 1\n", 1);
+    robot.until("a wrong scenario is refused", SOON, |view| time(view).command == 1);
+    let why = time(&robot.view).refusal;
+    assert!(why.starts_with("scenario:2: moon: unknown key"), "{why}");
+    assert_eq!((time(&robot.view).world.as_str(), files(&robot)), ("empty", 0));
+    scenario("start = [3.0, 4.0, 0.0]\nmap = \"/etc/hostname\"\n", 3);
+    robot.until("a scenario that names a file is refused", SOON, |view| time(view).command == 3);
+    let why = time(&robot.view).refusal;
+    assert!(why.starts_with("scenario: map: a world that is sent as text names no file"), "{why}");
+    scenario(include_str!("../../../modules/web/page/src/map/scenario.fixture.toml"), 2);
+    let drawn = [2.5, 6.0];
+    robot.until("it begins in the scenario", SOON, |view| time(view).command == 2 && position(view) == drawn);
+    robot.until("it runs in the scenario", SOON, is_ready);
+    assert_eq!((time(&robot.view).refusal.as_str(), files(&robot)), ("", 1));
+    good(&robot, &["sim", "world", "hall"]);
+    robot.until("it is in the hall", SOON, |view| time(view).world == "hall");
+    assert_eq!(files(&robot), 0);
+
     assert_eq!(robot.stop(), 0);
     assert_eq!(robot.processes(), Vec::<u32>::new());
     assert!(!robot.run_dir.exists(), "{:?}", robot.run_dir);

@@ -92,6 +92,7 @@ fn each_part_has_its_shape_and_its_rate() {
         "walls",
         "columns",
         "routes",
+        "world",
         "power_channels",
         "publish",
         "temperature_limits",

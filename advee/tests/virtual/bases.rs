@@ -213,6 +213,24 @@ impl Base {
         self.observed.borrow().truth.clone()
     }
 
+    /// Hangs, or kills, the driver of a robot that drives. Fails if its devices, whose stop is not on the bus, do not
+    /// begin to stop the body by themselves, or if it does not stand this long afterwards, s.
+    #[track_caller]
+    fn assert_stops_without_its_driver(&mut self, name: &str, hangs: bool, seconds: f64) {
+        let pid = self.machine.pid("driver_canbus").expect("it runs");
+        let before = self.truth().speed;
+        if hangs {
+            self.machine.hang(pid);
+        } else {
+            self.machine.kill(pid);
+        }
+        self.pass(STOP_MAX.as_secs_f64());
+        let after = self.truth().speed;
+        assert!(after < before - 0.01, "{name}, hangs {hangs}: {before} m/s, then {after} m/s");
+        self.pass(seconds);
+        self.assert_stands(&format!("{name}, without its driver"));
+    }
+
     /// Fails if it does not know where it is.
     #[track_caller]
     fn assert_located(&self, name: &str) {
@@ -389,6 +407,73 @@ fn a_dead_reversed_or_exchanged_encoder_is_reported_and_stops_all_wheels() {
     }
 }
 
+/// Multiples of its way that a slipping encoder counts: of a wheel that spins, and of one that is dragged.
+const SLIPPING: [f64; 2] = [1.5, 0.6];
+
+/// The drive's own loop keeps the speed that it measures, so the measured speeds stay those of a motion of the base,
+/// and nothing contradicts them. The wheel turns at the commanded speed divided by what is counted, and no faster.
+#[test]
+fn a_slipping_encoder_is_reported_or_makes_its_wheel_no_faster_than_what_it_counts() {
+    for (name, wheels, _) in ROBOTS {
+        let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf").join(name);
+        let robot = robot::config::Config::load(&config, true, &[]).unwrap().robot;
+        let base = robot.base.expect("a base");
+        let (axes, chassis) = (base.axes(), base.chassis(&robot.limits).unwrap());
+        for (victim, counts) in (0..wheels).flat_map(|wheel| SLIPPING.map(|counts| (wheel, counts))) {
+            let mut base = Base::ready(name, wheels);
+            base.drive((0.25, 0.0, 0.4), 8.0);
+            base.pass(2.0);
+            let since = base.machine.now();
+            base.observed.borrow_mut().stopped.clear();
+            base.observed.borrow_mut().errors.clear();
+            let (target, fault) = (axes[usize::from(victim)].into(), "encoder".into());
+            base.machine.inject(since, CmdFault { target, fault, value: counts, duration: 5.0, ..Default::default() });
+            base.pass(1.0);
+            let what = format!("{name}: {} counts {counts} times its way", axes[usize::from(victim)]);
+            let report = base.observed.borrow().errors.first().map(|(at, message)| (at.since(since), message.clone()));
+            println!("{what}: {report:?}");
+            if report.is_some() {
+                base.assert_stopped(&what, since, Duration::from_secs(1), Some(victim + 1));
+                continue;
+            }
+            let from = base.truth();
+            base.pass(0.2);
+            let to = base.truth();
+            let (x, y) = ((to.x - from.x) / 0.2, (to.y - from.y) / 0.2);
+            let omega = navitools::wrap(to.theta - from.theta) / 0.2;
+            let (sin, cos) = (from.theta + omega * 0.1).sin_cos();
+            let moves = kinematics::Twist::new(x * cos + y * sin, y * cos - x * sin, omega);
+            let speeds = |twist| chassis.wheel_states(twist, &vec![kinematics::WheelState::default(); wheels.into()]);
+            let (turn, asked) = (speeds(moves), speeds(kinematics::Twist::new(0.25, 0.0, 0.4)));
+            for (wheel, (turns, asked)) in turn.iter().zip(asked.iter()).enumerate() {
+                let part = if wheel == usize::from(victim) { counts } else { 1.0 };
+                let most = asked.speed_mps.abs() / part + 0.05;
+                assert!(turns.speed_mps.abs() <= most, "{what}: wheel {wheel}: {turns:?}, {asked:?}");
+            }
+        }
+    }
+}
+
+/// Straight ahead the encoder of the other wheel reads what the own one should: nothing contradicts it, and the wheel
+/// that no loop controls rolls on. On a curve it is reported
+/// (`a_dead_reversed_or_exchanged_encoder_is_reported_and_stops_all_wheels`).
+#[test]
+fn an_exchanged_encoder_of_two_wheels_cannot_be_noticed_straight_ahead() {
+    for name in ["courier", "rover"] {
+        let mut base = Base::ready(name, 2);
+        base.drive((0.25, 0.0, 0.0), 4.0);
+        base.pass(2.0);
+        let since = base.machine.now();
+        base.observed.borrow_mut().errors.clear();
+        let (target, fault) = ("left".into(), "swapped".into());
+        base.machine.inject(since, CmdFault { target, fault, value: 2.0, duration: 20.0, ..Default::default() });
+        base.pass(1.0);
+        assert_eq!(base.observed.borrow().errors, [], "{name}");
+        let velocity = base.observed.borrow().velocity.clone();
+        assert!((velocity.vx - 0.25).abs() < 0.02 && velocity.omega.abs() < 0.02, "{name}: {velocity:?}");
+    }
+}
+
 #[test]
 fn a_watchdog_that_is_late_stops_them_although_nothing_but_their_driver_is_critical() {
     for (name, wheels, _) in ROBOTS {
@@ -481,21 +566,154 @@ fn a_rover_on_vescs_stops_if_one_is_lost_or_the_driver_is() {
                 base.assert_stopped(&what, since, STOP_MAX, Some(victim));
             }
         }
-        // The devices stop by themselves, which is not on the bus: the body says it.
         for hangs in [true, false] {
-            let mut base = driving();
-            let pid = base.machine.pid("driver_canbus").expect("it runs");
-            let before = base.truth().speed;
-            if hangs {
-                base.machine.hang(pid);
-            } else {
-                base.machine.kill(pid);
-            }
-            base.pass(STOP_MAX.as_secs_f64());
-            let after = base.truth().speed;
-            assert!(after < before - 0.01, "{hangs}: {before} m/s, then {after} m/s");
-            base.pass(3.0);
-            base.assert_stands("rover on VESCs, without its driver");
+            driving().assert_stops_without_its_driver("rover on VESCs", hangs, 3.0);
         }
     });
+}
+
+/// What is on the serial lines of the rover, in place of its CAN bus.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Lines {
+    /// A VESC on a UART for each wheel.
+    Vescs,
+    /// One RoboClaw for both. A GPIO line cuts the motors' feed, since its command time limit cannot be proven.
+    RoboClaw,
+}
+
+impl Lines {
+    const BOTH: [Self; 2] = [Self::Vescs, Self::RoboClaw];
+
+    /// Tables of `robot.toml` in place of `[can.main]`.
+    fn tables(self) -> String {
+        match self {
+            Self::Vescs => [("left", 1, 8), ("right", 2, -8)]
+                .map(|(axis, id, gear)| {
+                    format!(
+                        "[serial.{axis}]\nport = \"serial-{axis}\"\ndriver = \"vesc\"\naxis = \"{axis}\"\n\
+                         id = {id}\ngear = {gear}\npole_pairs = 7\nerpm_min = 60\n\n"
+                    )
+                })
+                .concat(),
+            Self::RoboClaw => "[serial.wheels]\nport = \"serial-wheels\"\ndriver = \"roboclaw\"\n\
+                               model = \"RoboClaw 2x15a v4.1.34\"\n\
+                               m1 = { axis = \"left\", gear = 8, counts_per_turn = 4096 }\n\
+                               m2 = { axis = \"right\", gear = -8, counts_per_turn = 4096 }\n\n\
+                               [stop.gpio]\nchip = \"feed\"\nline = 17\n\n"
+                .into(),
+        }
+    }
+
+    /// The rover without a CAN bus, in a folder that is removed afterwards.
+    fn rover(self, test: &str, then: impl FnOnce(&dyn Fn() -> Base)) {
+        let conf = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf");
+        let name = format!("{test}-{self:?}-{}", std::process::id());
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+        std::fs::create_dir_all(&folder).expect("a folder");
+        std::fs::copy(conf.join("rover/modules.toml"), folder.join("modules.toml")).expect("a copy");
+        let read = |file: &str| std::fs::read_to_string(conf.join("rover").join(file)).expect("the rover");
+        let without_bus = |file: &str, tables: &str| {
+            let text = read(file);
+            let (begin, end) =
+                (text.find("[can.main]").expect("a bus"), text.find("[rs485.b]").expect("the next table"));
+            [&text[..begin], tables, &text[end..]].concat()
+        };
+        let robot = without_bus("robot.toml", &self.tables());
+        let robot = match self {
+            Self::Vescs => robot,
+            Self::RoboClaw => robot.replace("second_way = \"none\"", "second_way = \"gpio\""),
+        };
+        std::fs::write(folder.join("robot.toml"), robot).expect("a file");
+        std::fs::write(folder.join("sim.toml"), without_bus("sim.toml", "")).expect("a file");
+        then(&|| Base::of(&folder, &format!("rover on {self:?}"), 2, &conf.join("worlds/empty.toml"), &[]));
+        std::fs::remove_dir_all(folder).expect("the folder");
+    }
+
+    /// The line of the right wheel.
+    fn right(self) -> &'static str {
+        if self == Self::Vescs { "serial.right" } else { "serial.wheels" }
+    }
+}
+
+#[test]
+fn a_rover_on_serial_lines_goes_to_a_place_and_knows_where_it_is() {
+    for lines in Lines::BOTH {
+        lines.rover("lines-move", |rover| {
+            let (mut base, name) = (rover(), format!("{lines:?}"));
+            for twist in [(0.25, 0.0, 0.0), (0.2, 0.0, 0.5), (-0.2, 0.0, 0.0)] {
+                base.drive(twist, 5.0);
+                base.pass(4.0);
+                let velocity = base.observed.borrow().velocity.clone();
+                let measured = [velocity.vx - twist.0, velocity.vy - twist.1, velocity.omega - twist.2];
+                assert!(measured.iter().all(|gap| gap.abs() < 0.02), "{name}, {twist:?}: {velocity:?}");
+                base.pass(3.0);
+                base.assert_located(&name);
+            }
+            base.go(&name, [13.0, 8.0, 0.0], 60.0);
+        });
+    }
+}
+
+#[test]
+fn a_rover_on_serial_lines_stops_if_a_line_is_cut_or_garbled_or_a_wheel_does_not_turn() {
+    // Of the right wheel, or of its line; the most that it may take until the robot brakes.
+    let of_wheel = ["silent", "garbled", "fault", "reboot", "runaway"].map(|fault| (None, fault, STOP_MAX));
+    let of_encoder = [(None, "encoder", WRONG_MAX)];
+    for lines in Lines::BOTH {
+        let of_line = ["cut", "noise"].map(|fault| (Some(lines.right()), fault, STOP_MAX));
+        lines.rover("lines-stop", |rover| {
+            for (line, fault, most) in of_wheel.into_iter().chain(of_encoder).chain(of_line) {
+                let mut base = rover();
+                base.drive((0.25, 0.0, 0.3), 14.0);
+                base.pass(2.0);
+                let (target, what) = (line.unwrap_or("right").to_owned(), format!("{lines:?}: {fault} of {line:?}"));
+                let value = match fault {
+                    "encoder" => 0.0,
+                    "garbled" => 1.0,
+                    "noise" => 0.5,
+                    _ => 0.3,
+                };
+                let since = base.machine.now();
+                base.observed.borrow_mut().errors.clear();
+                let command = CmdFault { target, fault: fault.into(), value, duration: 5.0, ..Default::default() };
+                base.machine.inject(since, command);
+                // The deceleration of the body shows that the other wheel brakes.
+                let before = base.truth().speed;
+                base.pass(most.as_secs_f64() + 0.1);
+                let first =
+                    base.observed.borrow().errors.first().map(|(at, message)| (at.since(since), message.clone()));
+                assert!(first.as_ref().is_some_and(|(took, _)| *took <= most), "{what}: {first:?}");
+                let after = base.truth().speed;
+                // A wheel that is too fast, or whose encoder is dead, is still there, and turns as its drive lets it.
+                if ["runaway", "encoder"].contains(&fault) {
+                    let velocity = base.observed.borrow().velocity.clone();
+                    assert!(velocity.quick_stop && !velocity.ready, "{what}: {velocity:?}");
+                } else {
+                    // A RoboClaw that is cut off lets its motors roll, as is assumed of it.
+                    let least = if lines == Lines::Vescs { 0.05 } else { 0.01 };
+                    assert!(after < before - least, "{what}: {before} m/s, then {after} m/s");
+                    base.pass(3.0);
+                    base.assert_stands(&what);
+                    // The fault ends, and the source goes on: nothing resumes by itself.
+                    base.pass(4.0);
+                    base.assert_stands(&what);
+                }
+            }
+        });
+    }
+}
+
+#[test]
+fn a_rover_on_serial_lines_stops_without_its_driver() {
+    for lines in Lines::BOTH {
+        lines.rover("lines-driver", |rover| {
+            for hangs in [true, false] {
+                let mut base = rover();
+                base.drive((0.25, 0.0, 0.0), 8.0);
+                base.pass(2.0);
+                // A VESC brakes, a RoboClaw is assumed to let its motors roll.
+                base.assert_stops_without_its_driver(&format!("rover on {lines:?}"), hangs, 5.0);
+            }
+        });
+    }
 }

@@ -48,7 +48,7 @@ fn a_patrol_among_visitors_stands_within_a_second_of_the_loss_of_a_board() {
         let seen = robot.seen();
         assert!(seen.truth.speed.abs() < STANDS_MPS, "{boards:?}: {:.3} m/s after a second", seen.truth.speed);
         assert_eq!(lost(&seen.holds), boards, "{:?}", seen.holds);
-        assert!(seen.motion.reason.ends_with("is not heard"), "{}", seen.motion.reason);
+        assert!(seen.motion.reason.ends_with("does not answer"), "{}", seen.motion.reason);
         robot.pass(0.5);
         let told = robot.seen();
         assert_eq!(lost(&told.goal_holds), boards, "{}", told.goal.message);

@@ -2,9 +2,9 @@
 
 use super::{Robot, place};
 use base::Duration;
-use messages::Message;
 use messages::lowlevel::{CmdOutput, CmdPower, DataBattery, DataIo, DataPower};
 use messages::simulation::CmdFault;
+use messages::{Hold, Message};
 use robot::place::RobotLocation;
 use sim::host::{Config, News};
 use std::cell::RefCell;
@@ -335,4 +335,38 @@ fn switches_on_the_bus_of_the_thermometers_are_outputs_and_inputs() {
     rig.robot.pass(5.0);
     assert_eq!(rig.value("lamp"), (0.0, true));
     assert!(rig.news().is_empty());
+}
+
+/// An emergency stop on a Modbus device, and one on a digital input of the steering's drive.
+const STOPS: &str = r#"
+[io.modbus.plc]
+address = "127.0.0.1:1502"
+signals = [{ name = "estop", table = "discrete", address = 0, simulated = 1 }]
+[[stop.inputs]]
+signal = "estop"
+[[stop.inputs]]
+axis = "steering"
+bit = 16
+"#;
+
+#[test]
+fn an_input_of_stop_that_opens_or_is_not_known_stops_the_robot_and_nothing_resumes_by_itself() {
+    let mut rig = Rig::with("stops", STOPS);
+    // Unplugged, it is noticed after 0.5 s.
+    for (target, fault, value) in [("steering", "opened", 16.0), ("modbus.plc", "silent", 0.0)] {
+        rig.robot.drive_anew(0.3, 0.0, 8.0);
+        rig.robot.pass(2.0);
+        assert!(rig.robot.speed() > 0.25, "{fault}: {} m/s, {:?}", rig.robot.speed(), rig.robot.hold());
+        let now = rig.robot.machine.now();
+        let (target, fault) = (target.to_owned(), fault.to_owned());
+        let open = CmdFault { target, fault: fault.clone(), value, duration: 2.0, ..CmdFault::default() };
+        rig.robot.machine.inject(now, open);
+        // 0.5 s, and the way from 0.3 m/s to standstill.
+        rig.robot.pass(1.2);
+        assert_eq!(rig.robot.hold(), Some(Hold::PauseInput), "{fault}");
+        assert!(rig.robot.speed().abs() < 0.01, "{fault}: {} m/s", rig.robot.speed());
+        rig.robot.pass(6.0);
+        assert_eq!(rig.robot.hold(), Some(Hold::PauseLatched), "{fault}");
+        assert!(rig.robot.speed().abs() < 0.01, "{fault}: it resumed by itself");
+    }
 }

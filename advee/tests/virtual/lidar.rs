@@ -1,13 +1,15 @@
 //! Lidars of the whole robot: driver and emulated devices, on a serial line and on a connection, in the hall.
 
 use super::bases::Base;
-use super::{Robot, place};
+use super::{Robot, at, guarded_place, place, virtual_machine};
 use base::{Duration, Instant};
-use messages::lowlevel::DataScan;
+use messages::lowlevel::{CmdMotion, CmdVelocity, DataScan};
 use messages::simulation::{CmdFault, DataTruth};
 use messages::{Hold, Message};
+use module::State;
 use navitools::{Pose, wrap};
 use robot::place::RobotLocation;
+use sim::check::Checkers;
 use sim::host::{Config, News};
 use std::cell::RefCell;
 use std::path::Path;
@@ -230,4 +232,41 @@ fn without_what_a_lidar_sees_a_robot_stands_and_goes_on_when_it_sees_again() {
             assert!(truth.speed > 0.3 && truth.collisions == 0, "{name}, {fault:?}: {truth:?}");
         }
     }
+}
+
+/// Rule that the courier violates when it is driven by hand towards a wall in sight of its lidar, with this laid over
+/// its configuration, and the number of its contacts with what was in sight. The rules are those of the shipped
+/// courier.
+fn driven_into_a_wall(sets: &[&str]) -> (Option<&'static str>, u64) {
+    let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/courier");
+    let world = Some(config.join("../worlds/empty.toml"));
+    let mut place = RobotLocation { config, world, ..guarded_place() };
+    place.sets.push("world.start=[16.0, 6.0, 0.0]".into());
+    let world = robot::config::world(&place.config, place.world.as_deref(), &place.sets).expect("a world");
+    let limits = robot::checks::limits(&place, Duration::from_secs(10)).expect("a configuration");
+    place.sets.extend(sets.iter().map(|set| (*set).to_owned()));
+    let mut machine = virtual_machine(&place, Config { seed: 1, ..Config::default() }).expect("a configuration");
+    let checkers = Rc::new(RefCell::new(Checkers::new(limits).in_world(&world)));
+    let keep = checkers.clone();
+    machine.observe(move |now, news| keep.borrow_mut().observe(now, news));
+    machine.spawn("watchdog", State::Run).expect("the watchdog starts");
+    machine.run_until(at(12.0));
+    for n in 0..300 {
+        let vx = if n < 10 { 0.0 } else { 0.35 };
+        let command = CmdVelocity { vx, priority: CmdMotion::REMOTE, source: "test".into(), ..CmdVelocity::default() };
+        machine.inject(at(12.0) + n * Duration::from_millis(50), command);
+    }
+    machine.run_until(at(27.0));
+    let checkers = checkers.borrow();
+    let (seen, hidden) = checkers.hits();
+    assert_eq!(hidden.count, 0, "{sets:?}: nothing hides the wall");
+    (checkers.violation().map(|violation| violation.rule), seen.count)
+}
+
+#[test]
+fn a_robot_whose_guard_does_not_use_its_lidar_is_found_by_the_rule_of_what_was_in_sight() {
+    assert_eq!(driven_into_a_wall(&[]), (None, 0));
+    // A guard by sonars, of which this robot has none, permits the speed of a robot that senses nothing.
+    let blind = ["guard.ranging=sonar", "guard.speed_blind_mps=2.0"];
+    assert_eq!(driven_into_a_wall(&blind), (Some("sight"), 1));
 }

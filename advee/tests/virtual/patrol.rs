@@ -4,7 +4,11 @@
 pub mod rig;
 
 use messages::middlelevel::DataGoal;
+use planner::map::Cell;
 use rig::Patrol;
+use robot::place::RobotLocation;
+use robot::{config, map_file};
+use std::fmt::Write;
 
 /// Patrol that has driven for a while.
 fn driving(world: &str, people: Option<u32>, seed: u64) -> Patrol {
@@ -143,4 +147,44 @@ fn invalid_goals_are_refused_with_a_reason() {
         assert!(goal.message.starts_with(words), "{}", goal.message);
         assert!(robot.seen().truth.speed.abs() < 0.01);
     }
+}
+
+#[test]
+fn it_drives_in_a_world_of_a_map_around_what_is_in_its_way() {
+    // The hall as a map, with a block that no route knows: between the first waypoints, from 7.4 to 7.9 m by 5 to 7 m.
+    let shipped = rig::place("hall", &["world.people=0".into()]);
+    let hall = config::world(&shipped.config, shipped.world.as_deref(), &shipped.sets).unwrap();
+    let mut map = map_file::of_rooms(&hall).unwrap();
+    let frame = *map.frame();
+    let ((left, low), (right, high)) = (frame.cell(7.425, 5.025).unwrap(), frame.cell(7.875, 6.975).unwrap());
+    for (column, row) in (low..=high).flat_map(|row| (left..=right).map(move |column| (column, row))) {
+        map.set(column, row, Cell::Occupied);
+    }
+    let folder = std::env::temp_dir().join(format!("advee-virtual-map-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    map_file::save(&map, &folder.join("hall.yaml")).unwrap();
+    let mut text = String::from("map = \"hall.yaml\"\nstart = [3.0, 6.0, 0.0]\n");
+    for beacon in &hall.beacons {
+        writeln!(text, "[[beacons]]\nid = {}\nx = {:?}\ny = {:?}", beacon.id, beacon.at.x, beacon.at.y).unwrap();
+    }
+    text += "[[routes]]\nname = \"patrol\"\nloop = true\nwaypoints = [[12.0, 6.0], [8.0, 10.0], [3.0, 8.0]]\n";
+    std::fs::write(folder.join("hall.toml"), text).unwrap();
+    let place = RobotLocation { world: Some(folder.join("hall.toml")), sets: Vec::new(), ..shipped };
+    let world = config::world(&place.config, place.world.as_deref(), &[]).unwrap();
+    let mut robot = Patrol::at(&place, 1, None);
+    robot.go();
+    let (mut nearest, mut passed) = (f64::INFINITY, false);
+    for _ in 0..600 {
+        robot.pass(0.2);
+        let truth = robot.seen().truth;
+        let clearance = world.clearance(navitools::Pose::new(truth.x, truth.y, truth.theta), -0.15, 0.75, 0.3);
+        nearest = nearest.min(clearance);
+        passed |= truth.x > 8.5;
+    }
+    let seen = robot.seen();
+    // Each module reads it when it starts.
+    std::fs::remove_dir_all(&folder).unwrap();
+    assert_eq!((seen.contacts.len(), seen.failed), (0, 0), "{:?} {:?}", seen.contacts, seen.words);
+    assert!(passed && seen.waypoints >= 3, "{} waypoints, {:?}", seen.waypoints, seen.words);
+    assert!(nearest > 0.02, "{nearest} m from a wall");
 }

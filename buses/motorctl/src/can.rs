@@ -48,12 +48,12 @@ impl Device {
         }
     }
 
-    /// True for a frame by which this device is commanded, by whomever; one that asks it for something is not.
+    /// True for a frame by which this device is commanded or configured, by whomever; one that asks it for something is
+    /// not.
     #[must_use]
     pub fn is_commanded_by(&self, frame: &Frame) -> bool {
         match self {
-            Self::Odrive(device) => odrive::wire::Command::decode(frame)
-                .is_some_and(|(node, command)| node == device.node && !command.asks()),
+            Self::Odrive(device) => odrive::wire::changes(device.node, frame),
             Self::Vesc { device, host } => vesc::can::is_command(frame, device.id, *host),
         }
     }
@@ -258,6 +258,29 @@ mod tests {
         for (id, data, expected) in [(0x6D, &[0; 8][..], true), (0x63, &[], false), (0x8D, &[0; 8], false)] {
             assert_eq!(odrive.is_commanded_by(&frame(Id::Standard(id), data)), expected, "{id:x}");
         }
+        // RxSdo that writes a bool, a value of two bytes, and nothing; that reads; empty. Set_Limits, Reboot,
+        // Clear_Errors without data, Set_Vel_Gains, Enter_DFU_Mode; what the axis sends: heartbeat, TxSdo, estimates.
+        for (id, data, expected) in [
+            (0x64, &[1, 0xFA, 1, 0, 0][..], true),
+            (0x64, &[1, 0x10, 1, 0, 0x10, 0x27], true),
+            (0x64, &[1], true),
+            (0x64, &[0, 0xFA, 1, 0], false),
+            (0x64, &[], false),
+            (0x84, &[1, 0xFA, 1, 0, 0], false),
+            (0x66, &[0; 8], true),
+            (0x7E4, &[1, 0xFA, 1, 0, 0], true),
+            (0x7E6, &[0; 8], false),
+            (0x6F, &[0; 8], true),
+            (0x76, &[], true),
+            (0x78, &[], true),
+            (0x7B, &[0; 8], true),
+            (0x7F, &[], true),
+            (0x61, &[0; 8], false),
+            (0x65, &[0, 0xFA, 1, 0, 1], false),
+            (0x69, &[0; 8], false),
+        ] {
+            assert_eq!(odrive.is_commanded_by(&frame(Id::Standard(id), data)), expected, "{id:x} {data:?}");
+        }
         // CAN_PACKET_SET_RPM to 23 and to all; to 24; COMM_GET_VALUES by 7; COMM_SET_RPM by 7, and by the host itself.
         for (id, data, expected) in [
             (0x0317, &[0, 0, 1, 0][..], true),
@@ -266,6 +289,17 @@ mod tests {
             (0x0817, &[7, 0, 4], false),
             (0x0817, &[7, 0, 8, 0, 0, 1], true),
             (0x0817, &[254, 0, 8, 0, 0, 1], false),
+            // CAN_PACKET_CONF_CURRENT_LIMITS, CAN_PACKET_SHUTDOWN, CAN_PACKET_STATUS; COMM_ALIVE, which feeds the
+            // timeout, and a payload that is not known, by 7; the begin of COMM_SET_APPCONF and of an
+            // answer COMM_GET_APPCONF.
+            (0x1517, &[0; 8], true),
+            (0x1F17, &[], true),
+            (0x0917, &[0; 8], false),
+            (0x0817, &[7, 0, 30], true),
+            (0x0817, &[7, 0, 158, 0], true),
+            (0x0517, &[0, 16, 0, 0, 0, 0, 0, 0], true),
+            (0x0517, &[0, 17, 0, 0, 0, 0, 0, 0], false),
+            (0x0517, &[7, 16, 0, 0, 0, 0, 0, 0], false),
         ] {
             assert_eq!(vesc.is_commanded_by(&frame(Id::Extended(id), data)), expected, "{id:x} {data:?}");
         }

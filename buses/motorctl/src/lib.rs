@@ -1,5 +1,6 @@
 //! Motor controllers without CANopen: [`odrive`] (CAN Simple), [`roboclaw`] (packet serial) and [`vesc`] (CAN and
-//! UART), each with its emulated device; [`can`] has one engine for any of them that is on CAN.
+//! UART), each with its emulated device; [`can`] has one engine for any of them that is on CAN, [`serial`] for any that
+//! is on a serial line.
 //!
 //! Everything here is sans-IO: it reads no clock and owns no port. The [`Engine`] is the same for all devices; a
 //! protocol decides what is on the wire. No motion leaves before the device is identified, its command time limit is
@@ -48,6 +49,7 @@ mod event;
 pub mod motor;
 pub mod odrive;
 pub mod roboclaw;
+pub mod serial;
 mod setpoint;
 pub mod vesc;
 

@@ -15,6 +15,7 @@
 
 use crate::config::{Config, ConfigError};
 use crate::engine::Engine;
+use core::fmt;
 
 pub mod device;
 mod protocol;
@@ -27,6 +28,47 @@ pub use protocol::PacketSerial;
 /// Engine of one RoboClaw with its two axes.
 pub type RoboClaw = Engine<PacketSerial, 2>;
 
+/// What the firmware's text must contain: model and version, as `"RoboClaw 2x15a v4.1.34"`.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct Model {
+    bytes: [u8; wire::TEXT_LEN_MAX],
+    len: usize,
+}
+
+impl Model {
+    /// The model of this text; `None`: it is empty, or longer than the text of a device, [`wire::TEXT_LEN_MAX`] bytes.
+    #[must_use]
+    pub const fn new(text: &str) -> Option<Self> {
+        let (from, mut bytes, mut place) = (text.as_bytes(), [0; wire::TEXT_LEN_MAX], 0);
+        if from.is_empty() || from.len() > bytes.len() {
+            return None;
+        }
+        while place < from.len() {
+            bytes[place] = from[place];
+            place += 1;
+        }
+        Some(Self { bytes, len: from.len() })
+    }
+
+    /// Its text, at least one byte.
+    #[must_use]
+    pub fn as_bytes(&self) -> &[u8] {
+        &self.bytes[..self.len]
+    }
+}
+
+impl fmt::Display for Model {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(core::str::from_utf8(self.as_bytes()).unwrap_or("?"))
+    }
+}
+
+impl fmt::Debug for Model {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "\"{self}\"")
+    }
+}
+
 /// Which RoboClaw it must be.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Device {
@@ -34,16 +76,20 @@ pub struct Device {
     pub address: u8,
     /// bit/s; with 115200 a period of 20 ms suffices.
     pub baud: u32,
-    /// What the firmware's text must contain: model and version.
-    pub model: &'static str,
+    /// What the firmware's text must contain.
+    pub model: Model,
     /// Quadrature counts for one turn of the motor, for each axis.
     pub counts_per_turn: [f64; 2],
 }
 
 impl Device {
     /// A device as the emulation has it.
-    pub const EXAMPLE: Self =
-        Self { address: 0x80, baud: 115_200, model: "RoboClaw 2x15a v4.1.34", counts_per_turn: [4096.0; 2] };
+    pub const EXAMPLE: Self = Self {
+        address: 0x80,
+        baud: 115_200,
+        model: Model::new("RoboClaw 2x15a v4.1.34").expect("a text of a device"),
+        counts_per_turn: [4096.0; 2],
+    };
 }
 
 impl RoboClaw {
@@ -58,8 +104,7 @@ impl RoboClaw {
             return Err(ConfigError::TimeLimit);
         }
         let counts = device.counts_per_turn.iter().all(|counts| counts.is_finite() && *counts > 0.0);
-        let is_named = !device.model.is_empty();
-        if !wire::ADDRESSES.contains(&device.address) || device.baud == 0 || !counts || !is_named {
+        if !wire::ADDRESSES.contains(&device.address) || device.baud == 0 || !counts {
             return Err(ConfigError::Device);
         }
         Ok(Self::with(PacketSerial::new(device, config.timing), config))

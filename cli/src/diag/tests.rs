@@ -282,7 +282,7 @@ fn the_bound_of_the_guard_is_one_line_with_its_cause() {
     assert!(told.contains(" creeping; otherwise at most 0.32 m/s forward: sonar 3 "), "{told}");
     assert!(screen(&app, 150, 40).contains("bounded  "), "it does not stand");
     let told = line(&app, 300).unwrap();
-    assert!(told.contains("!0.3s") && told.contains("the guard is not heard"), "{told}");
+    assert!(told.contains("!0.3s") && told.contains("the guard does not report"), "{told}");
 }
 
 #[test]

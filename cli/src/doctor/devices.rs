@@ -1,10 +1,10 @@
 //! The configuration, and the devices that it names.
 
 use super::finding::{Finding, Level};
-use host::ports::settings::{CanInterface, I2cPlace};
+use host::ports::settings::{CanInterface, I2cPlace, StreamPort};
 use host::ports::{GamepadPlace, GpioConfig};
 use nix::unistd::{AccessFlags, Gid, Group, access};
-use robot::config::{CanBus, Config, ConfigError, Gamepad, I2cBus, ModuleEntry, Rs485Bus, W1};
+use robot::config::{CanBus, Config, ConfigError, Gamepad, I2cBus, ModuleEntry, Robot, Rs485Bus, W1};
 use std::fs;
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::path::Path;
@@ -72,6 +72,24 @@ pub fn serial(bus: &Rs485Bus, device: &Device, user: &str) -> Option<Finding> {
     }
     let lost = "Its boards are not heard; where the module is critical the robot does not move.";
     Some(device_file(&format!("rs485.{}", bus.name), &bus.line.port, bus.line.baud, device, (lost, user), SERIAL))
+}
+
+/// The serial ports of drives, lidars, inertial units and Modbus lines. A device with an address, or on a bus, has no
+/// port; a relative path is the simulator's.
+pub fn streams(robot: &Robot, device: impl Fn(&Path) -> Device, user: &str) -> Vec<Finding> {
+    const WHEELS: &str = "Its wheels do not turn, and the robot does not move.";
+    const LIDAR: &str = "It measures nothing; what it would see counts as unknown.";
+    const IMU: &str = "It measures nothing.";
+    const MODBUS: &str = "Its inputs are unknown, and its outputs are not set.";
+    let drives = robot.serial.iter().map(|line| (line.bus(), line.port.stream(), WHEELS));
+    let lidars = robot.lidar.iter().map(|lidar| (lidar.bus(), lidar.stream(), LIDAR));
+    let imus = robot.imu.iter().map(|imu| (imu.subject(), imu.port.stream(), IMU));
+    let modbus = robot.io.iter().flat_map(|io| &io.modbus).map(|line| (line.bus(), line.port.clone(), MODBUS));
+    let finding = |(bus, line, lost): (String, StreamPort, &str)| {
+        let port = line.port.as_deref().filter(|port| port.is_absolute())?;
+        Some(device_file(&bus, port, line.baud, &device(port), (lost, user), SERIAL))
+    };
+    drives.chain(lidars).chain(imus).chain(modbus).filter_map(finding).collect()
 }
 
 /// An I2C adapter, or the GPIO chip that makes one; none for the simulator's.

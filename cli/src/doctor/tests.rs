@@ -267,6 +267,27 @@ fn a_serial_port_must_be_a_device_that_may_be_opened() {
 }
 
 #[test]
+fn the_ports_of_drives_and_lidars_are_checked_and_those_of_the_simulator_are_not() {
+    let conf = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/courier");
+    let load = |port: &str| {
+        let motor = "driver=\"vesc\",id=1,gear=8,pole_pairs=7,erpm_min=60";
+        let line = |axis: &str| format!("serial.{axis}={{port=\"{port}{axis}\",axis=\"{axis}\",{motor}}}");
+        let sets = ["can.main.nodes=[]".into(), line("left"), line("right")];
+        robot::config::Config::load(&conf, false, &sets).unwrap().robot
+    };
+    let good = Device { there: true, character: true, access: true, readable: true, group: Some("dialout".into()) };
+    let device = |path: &Path| if path.ends_with("tty-left") { Device::default() } else { good.clone() };
+    let found = devices::streams(&load("/dev/tty-"), device, "robo");
+    let checks: Vec<&str> = found.iter().map(|finding| finding.check.as_str()).collect();
+    assert_eq!(checks, ["serial.left", "serial.right", "lidar.top"]);
+    says(&found[0], Level::Fail, "/dev/tty-left is not there", "ls -l /dev/serial/by-id/");
+    says(&found[1], Level::Ok, "/dev/tty-right, 115200 bit/s asked", "");
+    says(&found[2], Level::Ok, "/dev/ttyUSB0", "");
+    let simulated = devices::streams(&load("serial-"), device, "robo");
+    assert_eq!(simulated.iter().map(|finding| finding.check.as_str()).collect::<Vec<_>>(), ["lidar.top"]);
+}
+
+#[test]
 fn a_gamepad_that_is_not_there_is_well_and_one_that_may_not_be_heard_is_not() {
     let gamepad = |place| Gamepad { port: GamepadPort { place, grab: false }, driver: joydev::Config::usual() };
     let there =
@@ -583,6 +604,19 @@ fn a_report_is_lines_that_a_terminal_holds_and_commands_in_one_piece() {
     assert!(text.lines().filter(|line| !line.contains('$')).all(|line| line.len() <= 100), "{text}");
     let coloured = Style { colour: true }.text(&[("bus", findings)], &counts);
     assert!(coloured.contains("\x1b[1;31mFAIL    \x1b[0m two"), "{coloured}");
+}
+
+#[test]
+fn what_reads_the_emergency_stop_is_named_or_said_to_be_missing() {
+    let found = |folder: &str, sets: &[&str]| {
+        let conf = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf").join(folder);
+        let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
+        super::emergency_stop(&robot::config::Config::load(&conf, true, &sets).unwrap().robot)
+    };
+    says(&found("advee", &[]), Level::Ok, "read: the PAUSE line of the power controller", "");
+    let input = ["stop.inputs=[{axis=\"left\",bit=3}]"];
+    says(&found("courier", &input), Level::Ok, "read: digital input 3 of the left drive", "");
+    says(&found("courier", &[]), Level::Warning, "not read", "");
 }
 
 #[test]

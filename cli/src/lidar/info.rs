@@ -382,6 +382,7 @@ mod tests {
         let (lines, is_well) = shown(&served.port, Model::Sick(family), false);
         assert!(is_well && has(&lines, "model", "LMS10x_FieldEval"), "{lines:#?}");
         assert!(has(&lines, "state", "1, ready") && has(&lines, "optics", "0, clean"), "{lines:#?}");
+        assert!(has(&lines, "serial", "18520122"), "{lines:#?}");
         let served = Served::serial(|| Box::new(ld::emulated::Device::new(ld::Model::Ld19)));
         let (lines, is_well) = shown(&served.port, Model::Ld(ld::Model::Ld19), false);
         assert!(is_well && has(&lines, "model", "does not say it"), "{lines:#?}");

@@ -11,6 +11,7 @@ use super::{PATROL, Up, clean, welcome};
 use crate::{Common, Failed, Outcome, neighbours};
 use base::{Duration, Epoch, Instant};
 use companions::Companions;
+use diagnostics::orders;
 use host::bus::{Bus, Received};
 use host::clock;
 use host::log::Log;
@@ -29,9 +30,10 @@ use sim::paced::pacer::{Pacer, Speed, TICK};
 use simulator::world::World;
 use start::{NAME, Start};
 use std::cell::RefCell;
+use std::fs;
 use std::mem;
 use std::os::fd::AsFd;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::rc::Rc;
 use std::time::SystemTime;
@@ -71,7 +73,9 @@ pub fn run(common: &Common, command: &Up, config: Config, world: &World, speed: 
                        long as it answers SIM_DATA_CLOCK";
             log.line(format_args!("{}: {why}", module.name()));
         }
-        let mut paced = Paced::new(&log, place, config, goal, world, speed)?;
+        // Companions read it, too: from wherever they run.
+        let texts = std::path::absolute(folder.path()).map_err(|error| format!("run folder: {error}"))?;
+        let mut paced = Paced::new(&log, place, config, goal, world, speed, texts)?;
         welcome::greet(common.run_dir(), paced.companions.serve());
         let result = paced.until_signalled(&signals);
         paced.end();
@@ -156,6 +160,8 @@ struct Paced {
     goal: String,
     /// Name of the world.
     world: String,
+    /// The folder of worlds that came as text, and how many did.
+    scenarios: (PathBuf, u64),
     robot: Robot,
     /// The virtual instant of the next tick, and the real one at which the last is published again.
     tick: Instant,
@@ -188,6 +194,7 @@ impl Paced {
         goal: String,
         world: &World,
         speed: Speed,
+        texts: PathBuf,
     ) -> Result<Self, Failed> {
         let own = [Channel::SimCmdClock, Channel::SimCmdRun];
         let names = Channel::ALL.iter().filter(|channel| passes(**channel) || own.contains(channel));
@@ -200,6 +207,7 @@ impl Paced {
         Ok(Self {
             log: log.clone(),
             world: name(&place),
+            scenarios: (texts, 0),
             start: Start::new(&goal, &config, world),
             place,
             config,
@@ -281,7 +289,7 @@ impl Paced {
         match message {
             Message::SimCmdRun(command) => {
                 self.on_command(&command);
-                return matches!(command.action, CmdRun::RESET | CmdRun::WORLD);
+                return matches!(command.action, CmdRun::RESET | CmdRun::WORLD | CmdRun::SCENARIO);
             }
             Message::SimCmdClock(answer) => self.gateway.on_answer(&answer),
             message if self.has_room(message.channel()) && self.gateway.admits(&message, self.pacer.is_real()) => {
@@ -445,21 +453,50 @@ impl Paced {
                         "a world is a name in conf/worlds: letters, digits, - and _, at most {WORLD_MAX} characters"
                     ));
                 }
+                let last = self.place.world.clone();
                 self.restart(Some(PathBuf::from(&command.world)))?;
+                self.forget(last);
             }
+            CmdRun::SCENARIO => self.on_scenario(&command.world)?,
             other => return Err(format!("there is no action {other}")),
         }
         Ok(())
     }
 
+    /// A new start in a world of this text, which becomes a file of the run folder. One that is refused is removed
+    /// again, and so is that of the last world, which nobody reads any more.
+    fn on_scenario(&mut self, text: &str) -> Result<(), String> {
+        orders::scenario(0, text, "").map(drop)?;
+        config::world_without_files(Path::new("scenario"), text).map_err(in_a_line)?;
+        let (folder, number) = &mut self.scenarios;
+        *number += 1;
+        let path = scenario(folder, *number);
+        fs::write(&path, text).map_err(|error| format!("{}: {error}", path.display()))?;
+        let last = self.place.world.clone();
+        if let Err(why) = self.restart(Some(path.clone())) {
+            let _ = fs::remove_file(&path);
+            // The page that sent it knows no path of this computer.
+            return Err(why.replace(&format!("{}:", path.display()), "scenario:"));
+        }
+        self.forget(last);
+        Ok(())
+    }
+
+    /// Removes the file of a world that came as text, if it is one.
+    fn forget(&self, world: Option<PathBuf>) {
+        let (folder, number) = &self.scenarios;
+        if let Some(path) = world.filter(|path| (1..=*number).any(|number| *path == scenario(folder, number))) {
+            let _ = fs::remove_file(path);
+        }
+    }
+
     /// A new start of the robot in a world, with the same seed. Its timestamps go on where those of the last one end.
     fn restart(&mut self, world: Option<PathBuf>) -> Result<(), String> {
         let place = RobotLocation { world, ..self.place.clone() };
-        let refused = |error: config::ConfigError| error.to_string().replace('\n', "; ");
         // The new robot is that of the files as they are now.
-        let config = Config::load(&place.config, place.sim, &place.sets).map_err(refused)?;
-        let world = config::world(&place.config, place.world.as_deref(), &place.sets).map_err(refused)?;
-        preflight::check(&place, &config, &world).map_err(refused)?;
+        let config = Config::load(&place.config, place.sim, &place.sets).map_err(in_a_line)?;
+        let world = config::world(&place.config, place.world.as_deref(), &place.sets).map_err(in_a_line)?;
+        preflight::check(&place, &config, &world).map_err(in_a_line)?;
         self.robot.end();
         self.flush();
         let epoch = Epoch { offset_us: self.robot.epoch.timestamp(self.robot.now() + TICK) };
@@ -483,7 +520,17 @@ impl Paced {
         self.companions.end();
         self.robot.end();
         self.flush();
+        self.forget(self.place.world.clone());
     }
+}
+
+fn in_a_line(error: config::ConfigError) -> String {
+    error.to_string().replace('\n', "; ")
+}
+
+/// The file of a world that came as text.
+fn scenario(folder: &Path, number: u64) -> PathBuf {
+    folder.join(format!("scenario-{number}.toml"))
 }
 
 /// True if a command may name a world so: never a path.

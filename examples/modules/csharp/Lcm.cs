@@ -314,6 +314,12 @@ namespace LCM.LCM
                 return;
             if (channel != null && HandlerOf(channel) == null)
                 unfinished.End(message);
+            else if (message.Arrived + length - data > total && !message.Pieces.ContainsKey(number))
+            {
+                // Pieces lie upon each other: without an end to that, they could take any memory.
+                unfinished.End(message);
+                throw new MalformedException();
+            }
             else if (unfinished.Add(message, number, (int) offset, channel, Piece(data, length - data)))
             {
                 byte[] whole = unfinished.End(message);
@@ -379,7 +385,7 @@ namespace LCM.LCM
         /// another.</summary>
         ArraySegment<byte> Piece(int start, int count)
         {
-            if (count < Unfinished.BufferSize / 2)
+            if (count < Unfinished.BufferSize / 16 * 15)
                 return new ArraySegment<byte>(Copy(start, count));
             var piece = new ArraySegment<byte>(datagram, start, count);
             datagram = unfinished.NewBuffer();
@@ -426,7 +432,8 @@ namespace LCM.LCM
         /// <summary>Offsets and bytes by the fragments' numbers; none when it is over.</summary>
         public readonly Dictionary<int, KeyValuePair<int, ArraySegment<byte>>> Pieces =
             new Dictionary<int, KeyValuePair<int, ArraySegment<byte>>>();
-        public long Held;
+        /// <summary>Bytes of the pieces, and memory that they take.</summary>
+        public long Arrived, Held;
         /// <summary>Complete or not wanted: what still arrives of it, also a duplicate, is ignored.</summary>
         public bool Over;
     }
@@ -485,6 +492,7 @@ namespace LCM.LCM
                 return false;
             message.Channel = channel ?? message.Channel;
             message.Pieces.Add(number, new KeyValuePair<int, ArraySegment<byte>>(offset, bytes));
+            message.Arrived += bytes.Count;
             message.Held += bytes.Array.Length + PieceCost;
             held += bytes.Array.Length + PieceCost;
             GiveUpWhile(() => held > HeldMax && all[0] != message, () => all[0]);
@@ -497,8 +505,7 @@ namespace LCM.LCM
         {
             byte[] whole = null;
             var pieces = message.Pieces.OrderBy(piece => piece.Key).Select(piece => piece.Value);
-            long arrived = pieces.Sum(piece => (long) piece.Value.Count);
-            if (message.Pieces.Count == message.Count && arrived == message.Total)
+            if (message.Pieces.Count == message.Count && message.Arrived == message.Total)
             {
                 int end = 0;
                 whole = new byte[message.Total];

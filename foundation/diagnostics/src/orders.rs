@@ -137,6 +137,20 @@ pub fn simulation(timestamp: i64, action: &str, value: f64, source: &str) -> Res
     Ok(CmdRun { timestamp, action, value, world: String::new(), source: source.into() })
 }
 
+/// Maximum length of the text of a world in a command, bytes; [`scenario`] and its receiver refuse longer ones.
+pub const SCENARIO_MAX: usize = 32 << 10;
+
+/// A new start of a simulation with `--speed` in a world of this text: that of a file, TOML.
+///
+/// # Errors
+/// There is no text, or it is longer than [`SCENARIO_MAX`].
+pub fn scenario(timestamp: i64, text: &str, source: &str) -> Result<CmdRun, String> {
+    if text.trim().is_empty() || text.len() > SCENARIO_MAX || text.contains('\0') {
+        return Err(format!("a scenario is the text of a world's file, at most {SCENARIO_MAX} bytes"));
+    }
+    Ok(CmdRun { timestamp, action: CmdRun::SCENARIO, value: 0.0, world: text.into(), source: source.into() })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -163,6 +177,10 @@ mod tests {
             Ok((CmdRun::STEP, 0.5))
         );
         assert!(simulation(7, "world", 0.0, "x").is_err());
+        assert_eq!(scenario(7, "start = [0, 0, 0]", "x").map(|command| command.action), Ok(CmdRun::SCENARIO));
+        for none in ["", " \n", "a\0", &"#".repeat(SCENARIO_MAX + 1)] {
+            assert!(scenario(7, none, "x").is_err());
+        }
         assert_eq!(goal(1_795_302_110_792_249, Vec::new(), false).id, 302_110_792);
     }
 }

@@ -516,7 +516,7 @@ fn without_a_guard_there_is_no_bound_and_a_silent_one_permits_nothing() {
     assert!((bound.speed, bound.limits, bound.creeping) == (0.32, true, false));
     assert_eq!(model.bound(T0 + Duration::from_millis(150)).unwrap().speed, 0.32);
     let silent = model.bound(T0 + Duration::from_millis(151)).unwrap();
-    assert!((silent.words.as_str(), silent.speed, silent.limits) == ("the guard is not heard", 0.0, true));
+    assert!((silent.words.as_str(), silent.speed, silent.limits) == ("the guard does not report", 0.0, true));
     let free = lowlevel::DataGuard { code: 0, ..guard(0.66, 0.66, Hold::GuardStops, "") };
     say(&mut model, T0, free);
     assert!(!model.bound(T0).unwrap().limits, "the reach of the sensors is nobody in the way");

@@ -12,6 +12,7 @@
 //! | `CM_DATA_PROCESSES` | the watchdog that guards this process |
 //! | `LL_EVENT_STOP` not engaged, of the power controller's line | its process, as that watchdog lists it |
 //! | the same of a lidar whose fields stop the robot: `lidar.front` | the process of the lidars' driver, likewise |
+//! | the same of a signal of `[io]` that stops the robot: `io.estop` | the process of the signals' driver, likewise |
 //! | the same, for what the sender engaged itself | that sender, if [`Commands`] |
 //! | `LL_EVENT_STOP` not engaged, of another source for itself | [`Commands`]: the same senders may overrule it |
 //! | other `LL_DATA_GUARD`, `LL_DATA_RANGES` | the process of `guard`, and of the ranging boards' driver, likewise |
@@ -159,14 +160,24 @@ enum Witness {
     Ranging,
     Lidar,
     Imu,
+    Io,
     Motion,
     Estimator,
     Planner,
 }
 
 impl Witness {
-    const ALL: [Self; 8] =
-        [Self::Power, Self::Guard, Self::Ranging, Self::Lidar, Self::Imu, Self::Motion, Self::Estimator, Self::Planner];
+    const ALL: [Self; 9] = [
+        Self::Power,
+        Self::Guard,
+        Self::Ranging,
+        Self::Lidar,
+        Self::Imu,
+        Self::Io,
+        Self::Motion,
+        Self::Estimator,
+        Self::Planner,
+    ];
 }
 
 /// Rules of a robot.
@@ -184,6 +195,8 @@ pub struct Policy {
     pub lidar: Option<String>,
     /// Module of the inertial measurement units.
     pub imu: Option<String>,
+    /// Module of the signals by name, if one of them stops the robot.
+    pub io: Option<String>,
     /// Module that moves the robot, and measures how it moves.
     pub motion: Option<String>,
     /// Module that knows where the robot is.
@@ -202,6 +215,7 @@ impl Policy {
             Witness::Ranging => &self.ranging,
             Witness::Lidar => &self.lidar,
             Witness::Imu => &self.imu,
+            Witness::Io => &self.io,
             Witness::Motion => &self.motion,
             Witness::Estimator => &self.estimator,
             Witness::Planner => &self.planner,
@@ -230,8 +244,7 @@ pub struct Admission {
     /// Processes of [`Policy::announcing`], in that order, as this process last listed them, of its own user; empty: it
     /// is no watchdog.
     own: Vec<Option<Process>>,
-    /// Senders that engaged PAUSE in the name of the power controller or a lidar, and are not it: they may release
-    /// that.
+    /// Senders that engaged PAUSE in the name of another module, and are not it: they may release that.
     engaging: Vec<Option<Process>>,
 }
 
@@ -348,7 +361,7 @@ impl Admission {
         self.policy.module(witness).is_none() || known.is_some() && sender.process == known
     }
 
-    /// Remembers that a sender engages PAUSE in the name of the power controller or a lidar.
+    /// Remembers that a sender engages PAUSE in the name of another module.
     fn note_engaging(&mut self, message: &Message, sender: Sender) {
         let Message::LlEventStop(stop) = message else { return };
         let is_foreign = witness_of(&stop.source).is_some_and(|witness| !self.is_due(witness, sender));
@@ -361,7 +374,7 @@ impl Admission {
         self.engaging.push(sender.process);
     }
 
-    /// True if a sender that engaged PAUSE in the name of the power controller or a lidar releases that.
+    /// True if a sender that engaged PAUSE in the name of another module releases that.
     fn is_its_own_stop(&self, message: &Message, sender: Sender) -> bool {
         matches!(message, Message::LlEventStop(_)) && self.engaging.contains(&sender.process)
     }
@@ -428,6 +441,9 @@ fn witness_of(source: &str) -> Option<Witness> {
     if StopSource::is_of_line(source) {
         return Some(Witness::Power);
     }
+    if StopSource::is_signal(source) {
+        return Some(Witness::Io);
+    }
     StopSource::is_lidar(source).then_some(Witness::Lidar)
 }
 
@@ -452,6 +468,7 @@ mod tests {
     const RANGING: u32 = 109;
     const LIDAR: u32 = 110;
     const IMU: u32 = 111;
+    const IO: u32 = 114;
     const MOTION: u32 = 105;
     const ESTIMATOR: u32 = 112;
     const PLANNER: u32 = 113;
@@ -473,6 +490,7 @@ mod tests {
             ("driver_rs485a", RANGING),
             ("driver_lidar", LIDAR),
             ("driver_imu", IMU),
+            ("driver_io", IO),
             ("estimator", ESTIMATOR),
             ("planner", PLANNER),
         ];
@@ -499,12 +517,12 @@ mod tests {
     }
 
     fn policy(commands: Commands) -> Policy {
-        let [power, guard, ranging, lidar, imu, motion] =
-            ["driver_power", "guard", "driver_rs485a", "driver_lidar", "driver_imu", "driver_canbus"]
+        let [power, guard, ranging, lidar, imu, io, motion] =
+            ["driver_power", "guard", "driver_rs485a", "driver_lidar", "driver_imu", "driver_io", "driver_canbus"]
                 .map(|name| Some(name.into()));
         let [estimator, planner] = ["estimator", "planner"].map(|name| Some(name.into()));
         let announcing = ["driver_power", "guard"].map(String::from).into();
-        Policy { commands, power, guard, ranging, lidar, imu, motion, estimator, planner, announcing }
+        Policy { commands, power, guard, ranging, lidar, imu, io, motion, estimator, planner, announcing }
     }
 
     /// Bounds of the guard, ahead.
@@ -575,10 +593,19 @@ mod tests {
 
     #[test]
     fn that_the_fields_of_a_lidar_are_free_is_believed_from_its_driver_alone() {
+        is_believed_from_its_driver_alone("lidar.front", LIDAR);
+    }
+
+    #[test]
+    fn that_an_input_is_closed_is_believed_from_its_driver_alone() {
+        is_believed_from_its_driver_alone("io.estop", IO);
+    }
+
+    fn is_believed_from_its_driver_alone(source: &str, driver: u32) {
         let fields = |engaged| -> Message {
-            lowlevel::EventStop { engaged, source: "lidar.front".into(), ..Default::default() }.into()
+            lowlevel::EventStop { engaged, source: source.into(), ..Default::default() }.into()
         };
-        let (driver, stranger) = (by(Way::Memory, LIDAR), by(Way::Memory, 300));
+        let (driver, stranger) = (by(Way::Memory, driver), by(Way::Memory, 300));
         let mut admission = guarded(Commands::Network);
         assert_eq!(admission.judge(&fields(false), driver), Err(Refusal::NotYet), "nobody has listed it yet");
         assert_eq!(admission.judge(&list(), by(Way::Memory, WATCHDOG)), Ok(()));

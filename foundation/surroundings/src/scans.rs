@@ -171,18 +171,16 @@ impl Eye {
         self.begin(at, &slices);
         let robot = trail.pose(at);
         let here = (robot * self.lidar.mount).point();
-        let (begun, before, old) = self.earlier()?;
+        let (begun, before, _) = self.earlier()?;
         let period = before.map_or(TURN_MAX_S, |before| begun.since(before.since).as_secs_f64().min(TURN_MAX_S));
-        let baseline = old.map_or(f64::INFINITY, |old| begun.since(old.since).as_secs_f64());
-        let (before, old) = (View::new(here, before), View::new(here, old));
         let same = SAME_M + WALK_MPS * period;
-        let (mut hits, mut nearest, mut nears) = (Vec::new(), f64::INFINITY, false);
+        let (mut met, mut follows) = (Vec::with_capacity(scan.ranges.len()), false);
         let room = HITS_MAX.saturating_sub(self.turns.back()?.hits.len());
         // Nothing was received: that frees no more than the range at which dark things are seen.
         let frees = |range: f32| range < f32::INFINITY || f64::from(scan.range_max) >= rules.reach;
         for (k, range) in scan.ranges.iter().enumerate().filter(|(_, range)| !range.is_nan()) {
             // What there is no room for would be in the way unseen: from there on nothing is known.
-            if hits.len() == room {
+            if met.len() == room {
                 break;
             }
             let Some(slice) = slices[k] else { continue };
@@ -195,18 +193,27 @@ impl Eye {
             // What is too near to be measured is right before the lidar.
             let range = f64::from(if *range < 0.0 { scan.range_min } else { *range });
             if range > rules.reach + same {
-                nears = false;
+                follows = false;
                 continue;
             }
             let pose = trail.pose(at + Duration::from_secs_f64(k as f64 * scan.beam_time)) * self.lidar.mount;
             let (sin, cos) = (pose.theta + angle(k)).sin_cos();
             let point = Point { x: pose.x + range * cos, y: pose.y + range * sin };
             let (bin, distance) = seen_from(here, point);
+            met.push(Met { at: point, bin, distance, follows });
+            follows = true;
+        }
+        let (begun, before, old) = self.earlier()?;
+        let baseline = old.map_or(f64::INFINITY, |old| begun.since(old.since).as_secs_f64());
+        let arc = Arc::around(&met, same);
+        let (before, old) = (View::new(here, before, &arc), View::new(here, old, &arc));
+        let (mut hits, mut nearest, mut nears) = (Vec::with_capacity(met.len()), f64::INFINITY, false);
+        for Met { at: point, bin, distance, follows } in met {
             let found = before.turns(bin, distance, same);
             let closing = old.nearest(bin) - distance;
             let comes_nearer = closing > APPROACH_M && APPROACH_MPS.contains(&(closing / baseline));
             // Noise seldom brings two beams nearer, one beside the other.
-            let approaches = comes_nearer && nears;
+            let approaches = comes_nearer && nears && follows;
             nears = comes_nearer;
             let hit = Hit { at: point, turns: rules.evaluations.min(found + 1), approaches };
             if approaches || hit.turns == rules.evaluations && found < hit.turns {
@@ -264,13 +271,69 @@ impl Slice {
     }
 }
 
+/// Something that a beam of the present sector met.
+#[derive(Clone, Copy, Debug)]
+struct Met {
+    /// Where, in the frame of the trail, m.
+    at: Point,
+    /// Its direction and its distance, m, from where the lidar's sector began.
+    bin: usize,
+    distance: f64,
+    /// The measuring beam before it met something, too.
+    follows: bool,
+}
+
+/// Directions around those of a sector. Nothing outside of it is compared with the sector, so that the angles of most
+/// findings of a revolution need not be computed.
+struct Arc {
+    /// Its middle: cosine and sine.
+    middle: (f64, f64),
+    /// Cosine of half of it; `None`: all directions.
+    half: Option<f64>,
+}
+
+impl Arc {
+    /// Half of the widest one, in bins: a wider one has directions behind its middle.
+    const WIDEST: usize = BINS / 4 - 5;
+
+    /// The directions in which [`View::turns`] and [`View::nearest`] look for these.
+    fn around(met: &[Met], same: f64) -> Self {
+        let all = Self { middle: (1.0, 0.0), half: None };
+        let Some(middle) = met.get(met.len() / 2).map(|met| met.bin) else { return all };
+        let off = |bin: usize| bin.abs_diff(middle).min(BINS - bin.abs_diff(middle));
+        let farthest = met.iter().map(|met| off(met.bin)).max().unwrap_or(0);
+        let nearest = met.iter().map(|met| met.distance).fold(f64::INFINITY, f64::min);
+        // One more for the width of a bin, one for rounding.
+        let half = farthest + beside(nearest, same).max(BESIDE) + 2;
+        if half > Self::WIDEST {
+            return all;
+        }
+        let (sin, cos) = libm::sincos((middle as f64 + 0.5) * TAU / BINS as f64);
+        Self { middle: (cos, sin), half: Some(libm::cos(half as f64 * TAU / BINS as f64)) }
+    }
+
+    /// True unless a point, seen from another one, is in none of these directions.
+    fn may_contain(&self, from: Point, point: Point) -> bool {
+        let Some(half) = self.half else { return true };
+        let (x, y) = (point.x - from.x, point.y - from.y);
+        let along = x * self.middle.0 + y * self.middle.1;
+        along >= 0.0 && along * along >= half * half * (x * x + y * y)
+    }
+}
+
+/// Bins on either side of a beam within `same` m of what it met.
+fn beside(distance: f64, same: f64) -> usize {
+    (libm::asin((same / distance).min(1.0)) / TAU * BINS as f64) as usize
+}
+
 /// A revolution as it looks from somewhere: in each direction the nearest finding's distance, m, and its revolutions.
 struct View([(f64, u32); BINS]);
 
 impl View {
-    fn new(from: Point, turn: Option<&Turn>) -> Self {
+    fn new(from: Point, turn: Option<&Turn>, arc: &Arc) -> Self {
         let mut nearest = [(f64::INFINITY, 0); BINS];
-        for hit in turn.into_iter().flat_map(|turn| &turn.hits) {
+        let hits = turn.into_iter().flat_map(|turn| &turn.hits);
+        for hit in hits.filter(|hit| arc.may_contain(from, hit.at)) {
             let (bin, distance) = seen_from(from, hit.at);
             if distance < nearest[bin].0 {
                 nearest[bin] = (distance, hit.turns);
@@ -287,8 +350,7 @@ impl View {
 
     /// Most revolutions that have found something at a place, or up to `same` m from it; 0: none.
     fn turns(&self, bin: usize, distance: f64, same: f64) -> u32 {
-        let beside = libm::asin((same / distance).min(1.0)) / TAU * BINS as f64;
-        let near = self.around(bin, beside as usize).filter(|(other, _)| (other - distance).abs() <= same);
+        let near = self.around(bin, beside(distance, same)).filter(|(other, _)| (other - distance).abs() <= same);
         near.map(|(_, turns)| turns).max().unwrap_or(0)
     }
 

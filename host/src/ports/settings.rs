@@ -214,6 +214,12 @@ fn check_stream(table: &Table<'_>, port: Option<&PathBuf>, address: Option<Socke
 }
 
 impl StreamPort {
+    /// A line of bytes without parity; RTS does not switch its direction.
+    fn plain(port: Option<PathBuf>, baud: u32, low_latency: bool, raw: bool) -> Self {
+        let (parity, setup) = (ByteParity::None, Vec::new());
+        Self { port, address: None, baud, parity, setup, direction: None, low_latency, raw }
+    }
+
     fn check(&self, table: &Table<'_>) {
         check_stream(table, self.port.as_ref(), self.address);
     }
@@ -288,16 +294,9 @@ impl LidarPort {
     /// The same as a line of bytes, at this rate where the configuration names none: no parity.
     #[must_use]
     pub fn stream(&self, usual_baud: u32) -> StreamPort {
-        StreamPort {
-            port: self.port.clone(),
-            address: self.address,
-            baud: self.baud.unwrap_or(usual_baud),
-            parity: ByteParity::None,
-            setup: Vec::new(),
-            direction: None,
-            low_latency: self.low_latency,
-            raw: self.raw,
-        }
+        let baud = self.baud.unwrap_or(usual_baud);
+        let line = StreamPort::plain(self.port.clone(), baud, self.low_latency, self.raw);
+        StreamPort { address: self.address, ..line }
     }
 }
 
@@ -333,16 +332,31 @@ impl ImuPort {
     /// The serial line as one of bytes without parity.
     #[must_use]
     pub fn stream(&self) -> StreamPort {
-        StreamPort {
-            port: self.port.clone(),
-            address: None,
-            baud: self.baud,
-            parity: ByteParity::None,
-            setup: Vec::new(),
-            direction: None,
-            low_latency: self.low_latency,
-            raw: self.raw,
-        }
+        StreamPort::plain(self.port.clone(), self.baud, self.low_latency, self.raw)
+    }
+}
+
+settings! {
+    /// Keys of `[serial.<name>]` for the port.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct LinePort {
+        /// Device file; of a USB adapter its name under `/dev/serial/by-id`. A relative path: the simulator's
+        /// pseudo-terminal, in the run folder.
+        port: PathBuf = required;
+        /// Rate, as it is set in the device.
+        baud: u32 = 115_200, 9600..=4_000_000;
+        /// USB adapters: received bytes are handed on at once, not after 16 ms.
+        low_latency: bool = true;
+        /// Every byte is published as `LL_DATA_RAW_<BUS>`.
+        raw: bool = false;
+    }
+}
+
+impl LinePort {
+    /// The same as a line of bytes: no parity.
+    #[must_use]
+    pub fn stream(&self) -> StreamPort {
+        StreamPort::plain(Some(self.port.clone()), self.baud, self.low_latency, self.raw)
     }
 }
 

@@ -1,11 +1,12 @@
-//! `driver_canbus`: master of the drives of wheels and steering, which decides whether the robot may move. Those of wheels
-//! may be motor controllers without CANopen; without a CANopen node no frame of CANopen is sent.
+//! `driver_canbus`: master of the drives of wheels and steering, which decides whether the robot may move. Those of
+//! wheels may be motor controllers without CANopen, on CAN or on serial lines; without a CANopen node no frame of
+//! CANopen is sent, and without a drive on CAN there need not be a CAN bus.
 //!
 //! Read [`arbiter`] first (which source may command), then [`surroundings`] (other conditions of motion), then `decide`
 //! here, which turns both into the goals of the axes. Anything but a clear permission is a quick stop.
 //!
-//! Device    EPOS 70/10 and IclA N065, facts in `canopen::drives`; any drive of CiA 402 by its data sheet; ODrive
-//!           and VESC
+//! Device    EPOS 70/10 and IclA N065, facts in `canopen::drives`; any drive of CiA 402 by its data sheet; ODrive,
+//!           VESC and RoboClaw
 //! Timing    a command is valid for 250 ms; the master's heartbeat is sent every 50 ms, so a dead host stops the drives
 //! Silence   of a drive: all others stop, the node is booted again, nothing resumes by itself. The same after 2 s
 //!           if the drive sends heartbeats but does not answer
@@ -22,9 +23,13 @@ mod cia402;
 mod config;
 mod controller;
 mod drive;
+mod engine;
 mod feed_output;
 mod ignored;
+mod inputs;
 mod keys;
+mod line_keys;
+mod lines;
 mod motor_watch;
 mod objection;
 mod odrive;
@@ -46,13 +51,14 @@ mod wheels;
 pub use cia402::{Cia402, Cia402Config, VelocityUnit};
 pub use config::{
     Axis, BusConfig, Config, ConfigError, Drive, EposConfig, HomingRelease, IclaConfig, Node, PauseStop,
-    PropulsionConfig, PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, Stop,
+    PropulsionConfig, PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, Stop, StopInput,
 };
 pub use feed_output::{GpioConfig, OutputConfig};
 pub use keys::ControllerConfig;
+pub use line_keys::{LineConfig, LineKeys, RoboClawConfig, RoboClawMotor, UartVescConfig};
 pub use odrive::{OdriveConfig, Release};
 pub use pause::Paused;
-pub use vesc::VescConfig;
+pub use vesc::{VescConfig, VescMotor};
 
 use agreement::AgreementWatch;
 use arbiter::{Arbiter, Course, Request, Verdict};
@@ -62,9 +68,10 @@ use body::{Body, Caps, Measured, SetPoints};
 use bus::Bus;
 use canopen::master::Ticket;
 use canopen::{Event as CanEvent, Master, MasterConfig, NodeConfig, sdo};
-use controller::Controller;
 use ignored::Ignored;
+use inputs::DriveInputs;
 use kinematics::{PerWheel, Twist};
+use lines::{LineEngine, LinePort};
 use messages::{Channel, Hold, Message, common, lowlevel, source_in_words};
 use module::admission::Origin;
 use module::{Actions, ActiveHold, Event, Holds, Input, Line, Module, PortId, PortSpec, State};
@@ -84,15 +91,17 @@ use wheels::Wheels;
 /// Name of the module.
 pub const NAME: &str = "driver_canbus";
 
+/// The CAN bus, if there is one. The GPIO line that feeds the motors follows, if there is one, then the serial lines.
 const CAN: PortId = PortId(0);
-/// The GPIO line that feeds the motors, if there is one.
-const LINE: PortId = PortId(1);
-/// Name of its port.
+/// Name of the port of the GPIO line.
 pub const LINE_BUS: &str = "stop.gpio";
 /// Objects that are read from a drive that has booted or has sent nothing for a while.
 const STATUSWORD: u16 = 0x6041;
 const POSITION: u16 = 0x6064;
 const VELOCITY: u16 = 0x606C;
+/// Reported at each start of a robot without a PAUSE line and `[[stop.inputs]]`.
+const NO_EMERGENCY_STOP: &str = "no emergency stop is read: neither a power controller reports the PAUSE line, nor has \
+                                 [stop] inputs; one that is pressed must stop the robot without this computer";
 /// Difference from the measured steering angle from which an angle is a motion, rad.
 const TURN_RAD: f64 = 0.02;
 const MEASURED_OBJECTS: [u16; 3] = [STATUSWORD, POSITION, VELOCITY];
@@ -104,6 +113,8 @@ const SECOND_MASTER_TIMEOUT: Duration = Duration::from_secs(11);
 const SWITCH_OFF_MAX: Duration = Duration::from_millis(500);
 const MOTION_PERIOD: Duration = Duration::from_millis(50);
 const AXES_PERIOD: Duration = Duration::from_millis(200);
+/// Period of `LL_DATA_BUS` for serial lines.
+const LINES_PERIOD: Duration = Duration::from_secs(1);
 /// Speed below which the robot counts as standing, m/s: one unit of the drive's speed resolution (30 rpm) is 0.012 m/s.
 const STANDSTILL_MPS: f64 = 0.02;
 
@@ -114,6 +125,8 @@ base::deadlines! {
         Motion,
         /// `LL_DATA_AXES` is published. Set from the start on.
         Axes,
+        /// `LL_DATA_BUS` is published for each serial line. Set from the start on, if there is one.
+        Lines,
         /// The command out of limits that stops the robot has been absent for its time to live. Set while it stops it.
         Refused,
         /// No other source of the holder's priority has sent a command for its time to live. Set while it is reported.
@@ -145,8 +158,12 @@ pub struct Canbus {
     agreement: AgreementWatch,
     /// Of the wheels' drives, then of the steering's.
     readbacks: Vec<Readback>,
+    /// Inputs of drives that stop the robot.
+    inputs: DriveInputs,
     protection: Protection,
-    bus: Bus,
+    /// The CAN bus; none: all drives are on serial lines.
+    bus: Option<Bus>,
+    lines: Vec<LinePort>,
     requests: Requests,
     state: State,
     /// Main objection to any motion as of the last decision.
@@ -184,11 +201,17 @@ impl Canbus {
     /// Invalid in CANopen: node ids out of range or used twice. No base has these dimensions. Or a drive cannot be
     /// driven by its data sheet.
     pub fn new(config: Config) -> Result<Self, ConfigError> {
-        let can = PortSpec { bus: config.bus.clone(), line: Line::Can { bitrate: config.bitrate } };
+        let can = config.bus.clone().map(|bus| PortSpec { bus, line: Line::Can { bitrate: config.bitrate } });
         let line = config.stop.feed_line().map(|_| PortSpec { bus: LINE_BUS.into(), line: Line::Gpio });
-        let ports = std::iter::once(can).chain(line).collect();
+        let feed_line = PortId(can.iter().len() as u8);
+        let serial = |own: &LineConfig| PortSpec { bus: own.bus.clone(), line: Line::Serial { baud: own.baud } };
+        let first = can.iter().chain(&line).count();
+        let ports = can.into_iter().chain(line).chain(config.lines.iter().map(serial)).collect();
+        let engines = config.lines.iter().map(|own| LineEngine::new(own, &config)).collect::<Result<Vec<_>, _>>()?;
+        let wheels = Wheels::new(&config, &engines)?;
+        let lines = (first..).zip(config.lines.iter().zip(engines));
+        let lines = lines.map(|(port, (own, engine))| LinePort::new(own, engine, PortId(port as u8))).collect();
         let body = Body::new(&config)?;
-        let wheels = Wheels::new(&config)?;
         let steering = config.steering.as_ref().map(|own| Steering::new(own, &config)).transpose()?;
         let nodes: Vec<NodeConfig> =
             wheels.node_configs().chain(steering.as_ref().map(Steering::node_config)).collect();
@@ -196,7 +219,10 @@ impl Canbus {
         let master = MasterConfig { id, bit_rate, sync, time, sdo_timeout: SDO_TIMEOUT, ..MasterConfig::default() };
         let master = Master::new(master, &nodes)?;
         let readbacks = nodes.iter().map(|node| Readback::new(node, id)).collect();
-        let stop_watch = StopWatch::new(&config.stop, config.has_pause_line);
+        let stop_watch = StopWatch::new(&config.stop, config.has_pause_line, feed_line);
+        let drives = wheels.drive_axes().zip(wheels.drives()).map(|(axis, drive)| (axis, drive.node));
+        let steers = steering.iter().map(|steering| (Axis::Steering, steering.drive.node));
+        let inputs = DriveInputs::new(&config.stop, drives.chain(steers));
         Ok(Self {
             master,
             has_canopen: !nodes.is_empty() || stop_watch.node().is_some(),
@@ -205,11 +231,12 @@ impl Canbus {
                 config.critical.clone(),
                 config.planning.clone(),
                 config.has_pause_line,
-                &config.fields,
+                (&config.fields, &inputs::names(&config.stop)),
                 config.guarded,
                 Ranging::new(&config.ranging, config.ranging_age_max),
             ),
             stop_watch,
+            inputs,
             agreement: AgreementWatch::default(),
             readbacks,
             releases: Releases::new(config.homing_release == HomingRelease::Start),
@@ -218,7 +245,8 @@ impl Canbus {
             wheels,
             steering,
             body,
-            bus: Bus::new(&config.bus, config.bitrate),
+            bus: config.bus.as_ref().map(|bus| Bus::new(bus, config.bitrate)),
+            lines,
             requests: Requests::default(),
             config,
             state: State::Init,
@@ -234,6 +262,16 @@ impl Canbus {
             deadlines: Deadlines::new(),
             now: Instant::ZERO,
         })
+    }
+
+    /// Name of the CAN bus; empty without one.
+    fn bus_name(&self) -> &str {
+        self.config.bus.as_deref().unwrap_or("")
+    }
+
+    /// True if there is a CAN bus, and it is up.
+    fn bus_is_up(&self) -> bool {
+        self.bus.as_ref().is_some_and(Bus::is_up)
     }
 
     /// Configuration of each drive's node.
@@ -416,7 +454,9 @@ impl Canbus {
     /// A node that is not booted does not move, so its objects may be written for repair. Those of the node that feeds
     /// the motors may not.
     fn owner_of(&self, node: i32) -> NodeOwner {
-        let of_canopen = |wheel: &&PropulsionConfig| !matches!(wheel.drive, PropulsionDrive::Controller(_));
+        let of_canopen = |wheel: &&PropulsionConfig| {
+            matches!(wheel.drive, PropulsionDrive::Epos { .. } | PropulsionDrive::Cia402 { .. })
+        };
         let wheels = self.config.wheels.iter().filter(of_canopen).map(|wheel| &wheel.writable);
         let writable = wheels.chain(self.config.steering.iter().map(|steering| &steering.writable));
         match self.drives().zip(writable).find(|(drive, _)| i32::from(drive.node) == node) {
@@ -431,8 +471,10 @@ impl Canbus {
     }
 
     fn on_port(&mut self, now: Instant, down: Option<&str>, out: &mut Actions) {
-        self.bus.on_port(down, out);
-        self.wheels.controllers_mut().for_each(|controller| controller.on_bus(now, down.is_none(), out));
+        if let Some(bus) = &mut self.bus {
+            bus.on_port(down, out);
+        }
+        self.wheels.controllers_on(None).for_each(|controller| controller.on_bus(now, down.is_none(), out));
         match down {
             _ if !self.has_canopen => {}
             Some(_) => self.master.handle_bus_down(now),
@@ -440,10 +482,34 @@ impl Canbus {
         }
     }
 
+    /// An input of a serial line; false if the port is of no line.
+    fn on_line(&mut self, now: Instant, port: PortId, input: &Input<'_>, out: &mut Actions) -> bool {
+        let Some(number) = self.lines.iter().position(|line| line.port == port) else { return false };
+        let line = &mut self.lines[number];
+        let down = match input {
+            Input::Words(words) => {
+                line.on_words(now, words);
+                self.wheels.iter_mut().for_each(|wheel| wheel.on_line(now, number, out));
+                return true;
+            }
+            Input::Up => None,
+            Input::Down(why) => Some(*why),
+            _ => return true,
+        };
+        line.on_port(down, out);
+        self.wheels.controllers_on(Some(number)).for_each(|controller| controller.on_bus(now, down.is_none(), out));
+        true
+    }
+
     /// A frame was received: of a motor controller, or of CANopen.
     fn on_frame(&mut self, now: Instant, at: Instant, frame: &Frame, out: &mut Actions) {
-        self.bus.count_frame(frame);
-        let foreign = self.wheels.controllers().find_map(|controller| controller.foreign_command_to(frame));
+        if let Some(bus) = &mut self.bus {
+            bus.count_frame(frame);
+        }
+        let mut foreign = None;
+        for controller in self.wheels.controllers_mut() {
+            foreign = controller.on_foreign(now, frame).or(foreign);
+        }
         if let Some(name) = foreign {
             self.on_second_master(now, format_args!("a command to the {name} drive"), out);
         }
@@ -453,9 +519,9 @@ impl Canbus {
     }
 
     fn on_second_master(&mut self, now: Instant, by: impl std::fmt::Display, out: &mut Actions) {
-        let bus = &self.config.bus;
+        let bus = self.bus_name();
         let message = format!("another program commands the drives on {bus} ({by}): the robot stops");
-        out.raise(Severity::Error, Fault::SecondMaster, bus.as_str(), message);
+        out.raise(Severity::Error, Fault::SecondMaster, bus, message);
         self.deadlines.set(Timer::SecondMaster, now + SECOND_MASTER_TIMEOUT);
     }
 
@@ -528,25 +594,25 @@ impl Canbus {
                 let (subject, name) = self.name_of(node);
                 let message = format!(
                     "{name} resets repeatedly, or two nodes of {} have its id; the robot stops",
-                    self.config.bus
+                    self.bus_name()
                 );
                 out.raise(Severity::Error, Fault::NodeClash, subject, message);
             }
             CanEvent::Babbling { node, rate } => {
                 let (subject, name) = self.name_of(node);
-                let message = format!("{name} floods {}: {rate} frames/s", self.config.bus);
+                let message = format!("{name} floods {}: {rate} frames/s", self.bus_name());
                 out.raise(Severity::Error, Fault::CanBabble, subject, message);
             }
             CanEvent::BabblingOver { node } => {
                 let (subject, name) = self.name_of(node);
-                out.clear(Fault::CanBabble, subject, format!("{name} is quiet on {} again", self.config.bus));
+                out.clear(Fault::CanBabble, subject, format!("{name} is quiet on {} again", self.bus_name()));
             }
             CanEvent::Swapped { node, serial } => {
                 out.note(format!("{} is another device now, serial number {serial:#x}", self.name_of(node).1));
             }
             CanEvent::Stranger { node } if Some(node) == self.stop_watch.node() => {}
             CanEvent::Stranger { node } => {
-                out.note(format!("node {node} on {} is not in the configuration", self.config.bus));
+                out.note(format!("node {node} on {} is not in the configuration", self.bus_name()));
             }
             // Reported for each drive.
             CanEvent::Ready | CanEvent::NotReady => {}
@@ -565,6 +631,7 @@ impl Canbus {
         // External requests come first: the object may be one that the driver reads, too.
         if self.requests.on_end(now, ticket, result, out)
             || self.stop_watch.on_sdo(now, ticket, result.ok())
+            || self.inputs.on_sdo(ticket, result.ok(), &mut self.around.pause)
             || self.on_read_back(now, ticket, result.ok(), out)
             || self
                 .drives_mut()
@@ -650,7 +717,7 @@ impl Canbus {
     fn name_of(&self, node: u8) -> (String, String) {
         match (self.drives().find(|drive| drive.node == node), node) {
             (Some(drive), _) => (drive.name.into(), format!("{} drive (node {node})", drive.name)),
-            (None, 0) => (self.config.bus.clone(), "somebody".into()),
+            (None, 0) => (self.bus_name().into(), "somebody".into()),
             (None, _) => (format!("node {node}"), format!("node {node}")),
         }
     }
@@ -666,7 +733,7 @@ impl Canbus {
 
     /// All objections to any motion, in the order in which an engineer would check them.
     fn objections(&self, now: Instant) -> impl Iterator<Item = Objection> + Clone + '_ {
-        let bus = self.bus.objection().map(Objection::Bus);
+        let bus = self.bus.as_ref().and_then(Bus::objection).map(Objection::Bus);
         let second_master = self.deadlines.is_set(Timer::SecondMaster).then_some(Objection::SecondMaster);
         let pauses = self.around.pauses(now).map(Objection::Around);
         // With a line that is open and latched last, because an operator's act ends it.
@@ -713,6 +780,7 @@ impl Canbus {
     /// Derives the goals of the axes from the current state. Called after every event.
     fn decide(&mut self, now: Instant, out: &mut Actions) {
         self.expire(now, out);
+        self.around.pause.expire(now);
         self.update_releases(now);
         let blocked = self.objections(now).next();
         if blocked != self.blocked {
@@ -763,6 +831,8 @@ impl Canbus {
         }
         self.arbiter.expire_holder(now);
         self.wheels.iter_mut().for_each(|wheel| wheel.advance(now, &mut self.master, out));
+        // When all have their goals: a device may turn two wheels.
+        self.serve_controllers(now, out);
         self.steering.iter_mut().for_each(|steering| steering.advance(now, &mut self.master, out));
         if ends || self.leaves {
             self.leave(now);
@@ -794,9 +864,20 @@ impl Canbus {
             self.read_measured(now, node);
         }
         let alone = !self.deadlines.is_set(Timer::SecondMaster);
+        self.read_inputs(now, alone);
         for drive in self.wheels.drives_mut().chain(self.steering.iter_mut().map(|steering| &mut steering.drive)) {
             drive.watch_motor(now, alone, &mut self.master);
         }
+    }
+
+    /// Reads the inputs of drives that stop the robot.
+    fn read_inputs(&mut self, now: Instant, alone: bool) {
+        let booted: PerWheel<(u8, bool)> = self.drives().map(|drive| (drive.node, drive.is_booted())).collect();
+        self.inputs.advance(now, alone, |node| booted.contains(&(node, true)), &mut self.master);
+    }
+
+    fn serve_controllers(&mut self, now: Instant, out: &mut Actions) {
+        self.wheels.controllers_mut().for_each(|controller| controller.serve(now, out));
     }
 
     /// Drives at a velocity, unless a drive does not follow: without steering, or with a wheel that does not turn, the
@@ -941,7 +1022,7 @@ impl Canbus {
             out.clear(Fault::MotionRefused, "", "commands are within limits again");
         }
         if self.deadlines.take(Timer::SecondMaster, now) {
-            let bus = self.config.bus.as_str();
+            let bus = self.bus_name();
             out.clear(Fault::SecondMaster, bus, format!("no other master on {bus}"));
         }
         if self.deadlines.take(Timer::Contested, now) {
@@ -1030,11 +1111,18 @@ impl Canbus {
     }
 
     fn publish_bus(&mut self, now: Instant, out: &mut Actions) {
-        let mut message = self.bus.message(out.timestamp(now));
+        let Some(mut message) = self.bus.as_mut().map(|bus| bus.message(out.timestamp(now))) else { return };
         let drives: Vec<_> = self.drives().map(|drive| (drive.name, drive.node)).collect();
         message.nodes = drives.into_iter().map(|(name, node)| bus::node(name, node, &mut self.master)).collect();
-        message.nodes.extend(self.wheels.controllers().map(Controller::bus_row));
+        message.nodes.extend(self.wheels.controllers_on(None).map(|controller| controller.bus_row()));
         out.publish(message);
+    }
+
+    fn publish_lines(&mut self, now: Instant, out: &mut Actions) {
+        for (number, line) in self.lines.iter_mut().enumerate() {
+            let nodes = self.wheels.controllers_on(Some(number)).map(|controller| controller.bus_row()).collect();
+            out.publish(line.message(out.timestamp(now), nodes));
+        }
     }
 }
 
@@ -1070,46 +1158,65 @@ impl Module for Canbus {
                 self.deadlines.set(Timer::Motion, now);
                 self.deadlines.set(Timer::Axes, now);
                 self.holds.start(now);
-                self.bus.start(now);
+                if let Some(bus) = &mut self.bus {
+                    bus.start(now);
+                }
+                if !self.lines.is_empty() {
+                    self.deadlines.set(Timer::Lines, now);
+                }
                 // TIME is the time of this process's messages: a step of the wall clock changes neither.
                 self.master.set_time(now, out.timestamp(now));
                 self.start_second_way(now, out);
                 self.report_cap(out);
                 self.report_reservations(out);
+                if !self.config.has_pause_line && self.config.stop.inputs.is_empty() {
+                    out.say(Level::Warning, NO_EMERGENCY_STOP);
+                }
                 if let Some(warning) = self.protection.warning() {
                     out.say(Level::Warning, warning);
                 }
             }
             Event::Message { at, from, message } => self.on_message(now, at, from, message, out),
             Event::Port { port, input } if self.stop_watch.on_port(now, port, &input) => {}
+            Event::Port { port, input } if self.on_line(now, port, &input, out) => {}
             Event::Port { input: Input::Can { frame, at }, .. } => {
                 self.on_frame(now, at, &frame, out);
             }
-            Event::Port { input: Input::CanNotice(notice), .. } => self.bus.on_notice(now, notice, out),
+            Event::Port { input: Input::CanNotice(notice), .. } => {
+                if let Some(bus) = &mut self.bus {
+                    bus.on_notice(now, notice, out);
+                }
+            }
             Event::Port { input: Input::Up, .. } => self.on_port(now, None, out),
             Event::Port { input: Input::Down(why), .. } => self.on_port(now, Some(why), out),
             Event::State(state) => self.state = state,
-            Event::Timer if self.bus.is_up() && self.has_canopen => self.master.handle_timeout(now),
+            Event::Timer if self.bus_is_up() && self.has_canopen => self.master.handle_timeout(now),
             Event::Port { .. } | Event::RawMessage { .. } | Event::Process(_) | Event::Timer => {}
         }
-        self.wheels.controllers_mut().for_each(|controller| controller.serve(now, out));
+        self.serve_controllers(now, out);
         self.on_master(now, out);
         self.decide(now, out);
         self.on_master(now, out);
-        let bus_is_up = self.bus.is_up();
+        let bus_is_up = self.bus_is_up();
         let wheels = self.wheels.iter_mut().filter_map(|wheel| wheel.blind_stop(now, bus_is_up));
         let steering = self.steering.iter_mut().filter_map(|steering| steering.blind_stop(now, bus_is_up));
         let mut frames: Vec<Frame> = wheels.chain(steering).collect();
         for controller in self.wheels.controllers_mut() {
-            frames.extend(std::iter::from_fn(|| controller.poll_tx(now)));
+            frames.extend(std::iter::from_fn(|| controller.poll_frame(now)));
         }
         let canopen = std::iter::from_fn(|| self.master.poll_tx().filter(|_| self.has_canopen));
         for frame in frames.into_iter().chain(canopen) {
-            self.bus.count_frame(&frame);
-            out.send_can(CAN, frame);
+            if let Some(bus) = &mut self.bus {
+                bus.count_frame(&frame);
+                out.send_can(CAN, frame);
+            }
         }
-        if self.bus.handle_timeout(now, out) {
+        self.lines.iter_mut().for_each(|line| line.send(now, out));
+        if self.bus.as_mut().is_some_and(|bus| bus.handle_timeout(now, out)) {
             self.publish_bus(now, out);
+        }
+        if self.deadlines.tick(Timer::Lines, now, LINES_PERIOD) {
+            self.publish_lines(now, out);
         }
         self.publish_holds(now, out);
         if self.deadlines.tick(Timer::Motion, now, MOTION_PERIOD) {
@@ -1135,10 +1242,11 @@ impl Module for Canbus {
             self.deadlines.next(),
             Some(self.holds.next()),
             self.ignored.poll_timeout(),
-            self.master.poll_timeout().filter(|_| self.bus.is_up() && self.has_canopen),
-            self.bus.poll_timeout(),
+            self.master.poll_timeout().filter(|_| self.bus_is_up() && self.has_canopen),
+            self.bus.as_ref().and_then(Bus::poll_timeout),
             self.readbacks.iter().filter_map(Readback::poll_timeout).min(),
             self.stop_watch.poll_timeout(),
+            self.inputs.poll_timeout(|node| self.drives().any(|drive| drive.node == node && drive.is_booted())),
             self.wheels.iter().filter_map(Propulsion::poll_timeout).min(),
             self.steering.as_ref().and_then(Steering::poll_timeout),
             self.body.poll_timeout(),
@@ -1151,6 +1259,7 @@ impl Module for Canbus {
     /// The drives keep the robot's last speed until their ramp is done: the process and its heartbeat stay until then,
     /// and until they are switched off.
     fn finished(&self) -> bool {
-        !self.bus.is_up() || self.left
+        let is_reached = self.bus_is_up() || self.lines.iter().any(LinePort::is_up);
+        !is_reached || self.left
     }
 }

@@ -11,6 +11,7 @@
 //!           second for each Modbus line
 //! Power     `LL_CMD_POWER` for channels that are outputs; their states by `LL_DATA_POWER`
 //! Commands  `LL_CMD_OUTPUT`: the newest counts, from any sender
+//! Stops     inputs of `[stop]`, ten times a second on `LL_EVENT_STOP`: see `stop`
 //! Shown     outputs that nobody commands show what the robot does, by `[signals]`: see `situation`, `pattern`
 //!
 //! In STOP nothing is read, and outputs are held at their safe values.
@@ -24,6 +25,7 @@ mod indicator;
 mod pattern;
 mod signal;
 mod situation;
+mod stop;
 mod switches;
 
 use base::{Duration, Fault, Instant, Severity, Ticker};
@@ -43,6 +45,7 @@ pub use pattern::Pattern;
 use signal::Signal;
 pub use situation::Situation;
 use situation::Watcher;
+use stop::Stop;
 use switches::Switches;
 
 /// Name of the module.
@@ -73,6 +76,7 @@ pub struct Io {
     switches: Option<Switches>,
     power: Vec<PowerOutput>,
     batteries: Vec<Battery>,
+    stops: Vec<Stop>,
     watcher: Watcher,
     indicators: Vec<Indicator>,
     state: State,
@@ -114,11 +118,17 @@ impl Io {
         let switches = Switches::new(&config, PortId((first + config.gpio.len()) as u8), &signals);
         let power = config.power.iter().filter_map(|keys| PowerOutput::new(keys, &signals)).collect();
         let lines = config.gpio.iter().enumerate();
-        let lines = lines.map(|(n, line)| GpioLine::new(line, PortId((first + n) as u8), &signals)).collect();
+        let line = |(n, line): (usize, &Gpio)| {
+            let stops = config.stops.contains(&line.keys.name);
+            GpioLine::new(line, PortId((first + n) as u8), &signals, stops)
+        };
+        let lines = lines.map(line).collect();
+        let stops = config.stops.iter().map(|name| Stop::new(name, &signals));
         let batteries = config.batteries.iter().map(|keys| Battery::new(keys, &signals));
         Ok(Self {
             ports,
             batteries: batteries.collect::<Option<_>>().ok_or(ConfigError::Battery)?,
+            stops: stops.collect::<Option<_>>().ok_or(ConfigError::Stop)?,
             watcher: Watcher::new(&config.signals),
             indicators: indicator::all(&config.signals.show, &signals)?,
             signals,
@@ -225,6 +235,9 @@ impl Io {
         }
         for output in &mut self.power {
             output.serve(now, &self.signals, out);
+        }
+        for stop in &mut self.stops {
+            stop.serve(now, &self.signals, out);
         }
         // All of them, so that each change is taken once.
         let changes = self.signals.iter_mut().map(|signal| signal.take_change(now));
@@ -337,7 +350,8 @@ impl Module for Io {
         let power = self.power.iter().filter_map(|output| output.poll_timeout(&self.signals));
         let shown = self.indicators.iter().filter_map(Indicator::poll_timeout);
         let shown = shown.chain(self.watcher.poll_timeout().filter(|_| !self.indicators.is_empty()));
-        own.chain(buses).chain(lines).chain(signals).chain(power).chain(shown).min()
+        let stops = self.stops.iter().filter_map(|stop| stop.poll_timeout(&self.signals));
+        own.chain(stops).chain(buses).chain(lines).chain(signals).chain(power).chain(shown).min()
     }
 
     fn finished(&self) -> bool {

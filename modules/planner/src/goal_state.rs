@@ -171,7 +171,7 @@ impl fmt::Display for Hindrance {
             Self::Search(why) => why.fmt(f),
             Self::OutsideMap(frame) => write!(f, "it is outside the map, which is {}", frame.extent()),
             Self::FloorTooLarge => f.write_str("the floor between is too large"),
-            Self::NotMoving => f.write_str("it was told to drive and does not move"),
+            Self::NotMoving => f.write_str("it was commanded to drive and does not move"),
             Self::Beside(off) => write!(f, "the robot came to stand {off:.2} m beside it"),
             Self::InTheWay => f.write_str("something stands in the way"),
         }

@@ -17,13 +17,15 @@ const ESTIMATE_AGE_MAX: Duration = Duration::from_millis(200);
 /// Silence of a source that engages PAUSE after which a person may have overruled it.
 const PAUSE_TIMEOUT: Duration = Duration::from_millis(1200);
 /// Causes by which PAUSE is engaged.
-const ENGAGED: [Hold; 7] = [
+const ENGAGED: [Hold; 9] = [
     Hold::PauseUnknown,
     Hold::PauseFieldUnknown,
+    Hold::PauseInputUnknown,
     Hold::PauseBumper,
     Hold::PauseFloor,
     Hold::PauseButton,
     Hold::PauseField,
+    Hold::PauseInput,
     Hold::PauseOther,
 ];
 /// Maximum age of `LL_DATA_MOTION` (20 Hz) and `LL_DATA_HOLD` (5 Hz).
@@ -444,12 +446,12 @@ mod tests {
         senses.on_estimate(ms(2000), &estimate(3, 0.0));
         senses.on_motion(ms(2000), &DataMotion { source: "planner".into(), ..Default::default() });
         senses.on_hold(ms(2000), &holds(0, &[]));
-        assert_eq!(why(&senses, 2000), one(Hold::SonarsSilent, "", "waits: the sonars are not heard"));
+        assert_eq!(why(&senses, 2000), one(Hold::SonarsSilent, "", "waits: the sonars do not report"));
         senses.on_soundings(&fired(ms(2000), Measurement::Unknown));
         assert_eq!(why(&senses, 2000).0.len(), 1, "messages of dead sonars are no readings");
         senses.on_soundings(&fired(ms(2000), Measurement::NoEcho));
         assert_eq!(why(&senses, 2000).0, []);
-        let silent = one(Hold::ModuleSilent, MOTION_MODULE, "waits: driver_canbus is not heard");
+        let silent = one(Hold::ModuleSilent, MOTION_MODULE, "waits: driver_canbus does not report");
         senses.on_estimate(ms(2500), &estimate(4, 0.5));
         senses.on_motion(ms(2500), &DataMotion { source: "planner".into(), ..Default::default() });
         assert_eq!(why(&senses, 2500), silent, "LL_DATA_HOLD is missing");

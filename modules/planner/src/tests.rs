@@ -786,7 +786,7 @@ fn missing_sonar_readings_stop_it() {
     robot.pass(4.0);
     robot.deaf = true;
     robot.pass(3.0);
-    assert_eq!((robot.speed, robot.goal.message.as_str()), (0.0, "waits: the sonars are not heard"));
+    assert_eq!((robot.speed, robot.goal.message.as_str()), (0.0, "waits: the sonars do not report"));
     assert_eq!(robot.hold(), Some(Hold::SonarsSilent));
 }
 

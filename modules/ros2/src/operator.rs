@@ -1,4 +1,5 @@
-//! Services for operators (`std_srvs`): what `advee state`, `home`, `power` and `io` command, by the same messages.
+//! Services for operators (`std_srvs`): what `advee state`, `mode`, `home`, `power` and `io` command, by the same
+//! messages.
 
 use crate::NAME;
 use crate::cdr::Reader;
@@ -6,6 +7,7 @@ use diagnostics::orders;
 use lcm_gen::cdr::Writer;
 use messages::Message;
 use messages::lowlevel::CmdOutput;
+use messages::middlelevel::CmdMode;
 use module::State;
 
 /// Module that drives: in PAUSE it holds the quick stop.
@@ -32,6 +34,8 @@ enum Order {
     Pause,
     /// The planner that was stopped goes on.
     Release,
+    /// An operation mode of the planner, by its name.
+    Mode(&'static str),
     /// The axis is homed.
     Home,
     /// Feed of the motors.
@@ -53,6 +57,7 @@ pub struct Service {
 pub fn services(config: &Config) -> Vec<Service> {
     let service = |name: &str, order| Service { name: name.into(), order };
     let mut all = vec![service("pause", Order::Pause), service("release_planner", Order::Release)];
+    all.extend(CmdMode::NAMES.map(|mode| service(&format!("mode_{mode}"), Order::Mode(mode))));
     all.extend(config.steering.then(|| service("home", Order::Home)));
     all.extend(config.power.then(|| service("motors_power", Order::Motors)));
     for output in config.outputs.iter().take(OUTPUTS_MAX) {
@@ -69,7 +74,7 @@ impl Service {
     #[must_use]
     pub fn type_name(&self) -> &'static str {
         match self.order {
-            Order::Release | Order::Home => "std_srvs/srv/Trigger",
+            Order::Release | Order::Mode(_) | Order::Home => "std_srvs/srv/Trigger",
             Order::Pause | Order::Motors | Order::Output(_) => "std_srvs/srv/SetBool",
         }
     }
@@ -77,7 +82,13 @@ impl Service {
     /// True if the request is one to stop the robot.
     #[must_use]
     pub fn stops(&self, sample: &[u8]) -> bool {
-        self.order == Order::Pause && Reader::new(sample).and_then(|mut reader| reader.bool()) == Some(true)
+        let reader = Reader::new(sample);
+        match self.order {
+            Order::Pause => reader.and_then(|mut reader| reader.bool()) == Some(true),
+            // In MANUAL the planner drives nowhere.
+            Order::Mode(name) => CmdMode::from_name(name) == Some(CmdMode::MANUAL) && reader.is_some(),
+            Order::Release | Order::Home | Order::Motors | Order::Output(_) => false,
+        }
     }
 
     /// Message for the bus, and what the answer says; `None`: the request is malformed.
@@ -85,11 +96,18 @@ impl Service {
     pub fn order(&self, timestamp: i64, sample: &[u8]) -> Option<(Message, String)> {
         let mut reader = Reader::new(sample)?;
         let state = |module: &str, state| Message::from(orders::manual(timestamp, module, state, NAME));
-        if matches!(self.order, Order::Release | Order::Home) {
-            return Some(match self.order {
-                Order::Home => (orders::home(timestamp, "steering").into(), "homing of steering is commanded".into()),
-                _ => (state(PLANNER, State::Run), "planner is commanded to RUN".into()),
-            });
+        // A request without content.
+        match self.order {
+            Order::Release => return Some((state(PLANNER, State::Run), "planner is commanded to RUN".into())),
+            Order::Home => {
+                let home = orders::home(timestamp, "steering");
+                return Some((home.into(), "homing of steering is commanded".into()));
+            }
+            Order::Mode(name) => {
+                let mode = orders::mode(timestamp, name, NAME).ok()?;
+                return Some((mode.into(), format!("mode {name} is commanded")));
+            }
+            Order::Pause | Order::Motors | Order::Output(_) => {}
         }
         let on = reader.bool()?;
         Some(match &self.order {
@@ -139,12 +157,14 @@ mod tests {
     #[test]
     fn a_robot_has_the_services_of_what_it_has() {
         let names: Vec<String> = robot().into_iter().map(|service| service.name).collect();
-        let expected = ["pause", "release_planner", "home", "motors_power", "output/horn", "output/lamp_1"];
-        assert_eq!(names, expected);
+        let always = ["pause", "release_planner"];
+        let modes = ["mode_manual", "mode_route", "mode_wait", "mode_approach", "mode_home"];
+        let by_configuration = ["home", "motors_power", "output/horn", "output/lamp_1"];
+        assert_eq!(names, [&always[..], &modes, &by_configuration].concat());
         let least: Vec<String> = services(&Config::default()).into_iter().map(|service| service.name).collect();
-        assert_eq!(least, ["pause", "release_planner"]);
+        assert_eq!(least, [&always[..], &modes].concat());
         let many = (0..500).map(|n| format!("o{n}")).collect();
-        assert_eq!(services(&Config { outputs: many, ..Config::default() }).len(), 2 + OUTPUTS_MAX);
+        assert_eq!(services(&Config { outputs: many, ..Config::default() }).len(), 2 + modes.len() + OUTPUTS_MAX);
     }
 
     #[test]
@@ -158,10 +178,20 @@ mod tests {
             source: NAME.into(),
         };
         let stopping: Vec<_> = robot().into_iter().filter(|service| service.stops(&on)).map(|it| it.name).collect();
-        assert_eq!((&*stopping, robot().iter().any(|service| service.stops(&off))), (&["pause".to_owned()][..], false));
+        assert_eq!(stopping, ["pause", "mode_manual"]);
+        let stopping: Vec<_> = robot().into_iter().filter(|service| service.stops(&off)).map(|it| it.name).collect();
+        assert_eq!(stopping, ["mode_manual"], "whose request has no content");
         assert_eq!(ordered("pause", &on), Some(state(DRIVER, State::Pause).into()));
         assert_eq!(ordered("pause", &off), Some(state(DRIVER, State::Run).into()));
         assert_eq!(ordered("release_planner", &on), Some(state(PLANNER, State::Run).into()));
+        let mode = |mode| Message::from(CmdMode { timestamp: 5, mode, source: NAME.into() });
+        for (name, number) in [("mode_manual", CmdMode::MANUAL), ("mode_route", CmdMode::ROUTE)] {
+            assert_eq!(ordered(name, &[0, 1, 0, 0]), Some(mode(number)));
+        }
+        assert_eq!(ordered("mode_wait", &off), Some(mode(CmdMode::WAIT)));
+        assert_eq!(ordered("mode_approach", &off), Some(mode(CmdMode::APPROACH)));
+        assert_eq!(ordered("mode_home", &off), Some(mode(CmdMode::HOME)));
+        assert_eq!(ordered("mode_home", &[9, 9, 9, 9]), None);
         assert_eq!(ordered("home", &on), Some(CmdHoming { timestamp: 5, axis: "steering".into() }.into()));
         let power = |action| Message::from(CmdPower { timestamp: 5, device: 3, action });
         assert_eq!(ordered("motors_power", &on), Some(power(CmdPower::ON)));

@@ -7,6 +7,7 @@ pub mod cia402;
 pub(crate) mod climate;
 mod controller;
 pub mod drive;
+pub mod drive_line;
 pub(crate) mod encoder;
 pub mod epos;
 pub(crate) mod fan1;

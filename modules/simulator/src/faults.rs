@@ -54,7 +54,11 @@
 //! | the propulsion drive | `runaway` | once it turns it is `value` m/s (0: 0.3) faster than it is told |
 //! | the drive of a wheel | `encoder` | its encoder counts `value` times the truth: 0 dead, -1 reversed, 1.3 slipping |
 //! | the drive of a wheel | `swapped` | it has the encoder of the wheel `value`, from 1 on |
+//! | a drive but the EPOS | `opened` | its digital input `value`, 3 to 31, is open, else closed |
 //! | a drive but the EPOS | `layout` | it is another version, with other PDOs; it starts anew |
+//! | a drive on a serial line | `garbled` | each byte that it sends is wrong with probability `value` (0: 0.1) |
+//! | a serial line of a drive | `cut` | nothing passes it |
+//! | a serial line of a drive | `noise`, `loss`, `duplicate`, `delay` | as on any other line |
 //! | a CAN bus | `noise` | each bit on it is wrong with probability `value` (0: 0.0001); what it hits is sent again |
 //! | a CAN bus | `corrupt` | each frame whose number `value` divides (0: 10) is destroyed, and sent again |
 //! | a CAN bus | `lose` | the frame of number `value` from now on (0: 1) is received by nobody |
@@ -158,6 +162,8 @@ pub enum InjectedFault {
     Encoder(f64),
     /// It has the encoder of the wheel of this number, from 1 on.
     Swapped(u8),
+    /// This digital input of a drive is open.
+    Opened(u8),
     /// Measures so much more rotation than there is, rad/s.
     Biased(f64),
     /// Another version, with other PDOs.
@@ -221,6 +227,7 @@ pub const NAMES: &[&str] = &[
     "encoder",
     "swapped",
     "biased",
+    "opened",
     "layout",
     "noise",
     "corrupt",
@@ -276,12 +283,13 @@ pub fn about(name: &str) -> &'static str {
         "encoder" => "its encoder counts VALUE times the truth: 0 dead, -1 reversed, 1.3 slipping",
         "swapped" => "it has the encoder of the wheel VALUE, from 1 on",
         "biased" => "measures VALUE rad/s (0: 0.2) more rotation than there is",
+        "opened" => "its digital input VALUE, 3 to 31, is open",
         "layout" => "is another version, with other PDOs; it restarts",
         "noise" => "each bit on it is wrong with probability VALUE (0: 0.0001)",
         "corrupt" => "each frame whose number VALUE divides (0: 10) is destroyed, and sent again",
         "lose" => "the frame of number VALUE from now on (0: 1) is received by nobody",
         "bus_off" => "the master's controller goes bus-off",
-        "cut" => "the master is cut off the others",
+        "cut" => "the master is cut off the others; of a serial line: nothing passes it",
         "loss" => "each frame, of a lidar each echo, is lost with probability VALUE (0: 0.05)",
         "duplicate" => "each frame is received twice with probability VALUE (0: 0.05)",
         "delay" => "what is sent is received VALUE s late (0: 0.01), in order",
@@ -360,6 +368,7 @@ impl InjectedFault {
             "encoder" => value.is_finite().then(|| Self::Encoder(value.clamp(-2.0, 2.0))),
             "swapped" => (1..=u8::MAX).find(|wheel| f64::from(*wheel) == value).map(Self::Swapped),
             "biased" => Some(Self::Biased(or(value, 0.2).min(30.0))),
+            "opened" => (3..32).find(|bit| f64::from(*bit) == value).map(Self::Opened),
             "layout" => Some(Self::Layout),
             "noise" => Some(Self::Noise(or(value, 1e-4).min(1.0))),
             "corrupt" => Some(Self::Corrupt((or(value, 10.0) as u64).max(1))),

@@ -52,6 +52,7 @@ pub mod world;
 
 pub use auxiliary::{HostConfig, I2cConfig, W1Config};
 pub use boards::drive::{Axis, DriveConfig, DriveKind};
+pub use boards::drive_line::{DriveLineConfig, MotorConfig};
 pub use io::{ComputerConfig, DeviceConfig, LineConfig, ModbusConfig};
 pub use random::Random;
 pub use simulator::{BoardConfig, BoardKind, CanConfig, Config, SerialConfig, Simulator};

@@ -54,6 +54,11 @@ const MANNERS: f64 = 0.15;
 const CURIOUS: f64 = 0.15;
 const CURIOUS_WITHIN: f64 = 5.0;
 const BEFORE_IT: f64 = 1.0;
+/// A walker: radius, m; pace, m/s; distance at which he has arrived, m; steps that he stands there.
+const WALKER: f64 = 0.22;
+const WALKER_PACE: f64 = 1.1;
+const WALKER_NEAR: f64 = 0.4;
+const WALKER_STANDS: u64 = 10;
 /// Positions in a group: ahead and to the left of the first, m.
 const BESIDE: [(f64, f64); 3] = [(0.0, 0.65), (0.0, -0.65), (-0.7, 0.0)];
 
@@ -147,6 +152,8 @@ struct Person {
     /// For how many steps he has had the robot at his feet.
     alert: u8,
     touches: Option<Mover>,
+    /// The two places between which he walks, the next one first, or twice that at which he stands; `None`: a visitor.
+    beat: Option<[usize; 2]>,
 }
 
 /// One step of a person: begin and end, and both legs relative to the centre at both.
@@ -171,7 +178,10 @@ impl Track {
 pub struct People {
     crowd: Crowd,
     floor: Floor,
+    /// Those of the visitors, then those of the walkers.
     places: Vec<Point>,
+    /// Number of places that visitors walk to.
+    visited: usize,
     fields: Vec<Option<Field>>,
     random: Random,
     persons: Vec<Person>,
@@ -184,7 +194,7 @@ pub struct People {
 }
 
 impl People {
-    /// The visitors of a world; none within 1.5 m of the robot.
+    /// The people of a world; no visitor within 1.5 m of the robot, no walker who would touch it.
     #[must_use]
     pub fn new(world: &World, seed: u64, robot: &Hull) -> Self {
         let random = Random::stream(seed, u64::from_le_bytes(*b"visitors"));
@@ -193,6 +203,7 @@ impl People {
             crowd,
             floor: Floor::default(),
             places: world.places.clone(),
+            visited: 0,
             fields: Vec::new(),
             random,
             persons: Vec::new(),
@@ -200,7 +211,7 @@ impl People {
             step: 0,
             room: 0.0,
         };
-        if crowd.count > 0 {
+        if crowd.count > 0 || !world.walkers.is_empty() {
             people.come(world, robot);
         }
         people
@@ -208,11 +219,11 @@ impl People {
 
     fn come(&mut self, world: &World, robot: &Hull) {
         self.floor = Floor::new(world);
-        if self.places.len() < 2 {
+        if self.places.len() < 2 && self.crowd.count > 0 {
             let drawn = (0..8).filter_map(|_| self.floor.somewhere(&mut self.random));
             self.places.extend(drawn.collect::<Vec<_>>());
         }
-        self.fields = vec![None; self.places.len()];
+        self.visited = self.places.len();
         let mut left = 0;
         let mut first = 0;
         for number in 0..self.crowd.count as usize {
@@ -247,13 +258,50 @@ impl People {
                 looks: true,
                 alert: 0,
                 touches: None,
+                beat: None,
             };
             person.legs = legs(&person, 0.0);
             self.persons.push(person);
         }
+        for walker in &world.walkers {
+            self.come_to(&walker.points, robot);
+        }
+        self.fields = vec![None; self.places.len()];
         let stands = |person: &Person| Track { from: person.at, to: person.at, legs: [person.legs; 2], gone: 1.0 };
         let first: Vec<Track> = self.persons.iter().map(stands).collect();
         self.tracks = vec![first; MEMORY];
+    }
+
+    /// A walker comes, unless the robot is there.
+    fn come_to(&mut self, points: &[Point], robot: &Hull) {
+        let (Some(at), Some(to)) = (points.first().copied(), points.last().copied()) else { return };
+        let radius = WALKER;
+        if robot.gap(at).gap <= radius + RELEASE {
+            return;
+        }
+        let from = self.places.len();
+        self.places.extend([at, to]);
+        let mut person = Person {
+            radius,
+            pace: WALKER_PACE,
+            at,
+            velocity: (0.0, 0.0),
+            faces: unit((to.x - at.x, to.y - at.y)),
+            walked: 0.0,
+            legs: [(0.0, 0.0); 2],
+            goal: Goal::Place(from),
+            stands: true,
+            until: 0,
+            looks: true,
+            alert: 0,
+            touches: None,
+            beat: Some([from + 1, from]),
+        };
+        if at == to {
+            person.faces = (1.0, 0.0);
+        }
+        person.legs = legs(&person, 0.0);
+        self.persons.push(person);
     }
 
     fn free_place(&mut self, robot: &Hull) -> Option<Point> {
@@ -419,8 +467,11 @@ impl People {
             Goal::Place(place) => self.places[place],
             Goal::Robot => robot.before(BEFORE_IT),
         };
-        let arrived = !person.stands && person.at.distance(goal) < 0.9;
-        if arrived {
+        let near = if person.beat.is_some() { WALKER_NEAR } else { 0.9 };
+        let arrived = !person.stands && person.at.distance(goal) < near;
+        if arrived && person.beat.is_some() {
+            (person.stands, person.until) = (true, self.step + WALKER_STANDS);
+        } else if arrived {
             (person.stands, person.until) = (true, self.step + 30 + (self.random.uniform() * 120.0) as u64);
             person.looks = self.random.chance(self.crowd.attentive);
         } else if self.step >= person.until {
@@ -431,17 +482,30 @@ impl People {
     /// To another place, or to see the robot.
     fn set_out(&mut self, number: usize, world: &World, robot: &Hull) {
         let at = self.persons[number].at;
+        if let Some([next, other]) = self.persons[number].beat {
+            if at.distance(self.places[next]) < WALKER_NEAR {
+                // He who stands is where he is to be; he who walks turns back.
+                let person = &mut self.persons[number];
+                (person.stands, person.until) = (true, self.step + WALKER_STANDS);
+                person.beat = Some([other, next]);
+                return;
+            }
+            self.chart(next);
+            let person = &mut self.persons[number];
+            // Where something is in his way he turns back in the end.
+            (person.goal, person.stands, person.until) = (Goal::Place(next), false, self.step + 900);
+            person.beat = Some([other, next]);
+            return;
+        }
         let before = robot.before(BEFORE_IT);
         let (distance, way) = (at.distance(before), unit((before.x - at.x, before.y - at.y)));
         let near = distance < CURIOUS_WITHIN && world.ray(at, way, distance).is_none();
         let goal = match near && self.random.chance(CURIOUS) {
             true => Goal::Robot,
-            false => Goal::Place((self.random.uniform() * self.places.len() as f64) as usize),
+            false => Goal::Place((self.random.uniform() * self.visited as f64) as usize),
         };
-        if let Goal::Place(place) = goal
-            && self.fields[place].is_none()
-        {
-            self.fields[place] = Some(self.floor.field(self.places[place]));
+        if let Goal::Place(place) = goal {
+            self.chart(place);
         }
         let until = self.step + if goal == Goal::Robot { 100 } else { 900 };
         for person in &mut self.persons[number..] {
@@ -452,6 +516,13 @@ impl People {
         let looks = self.random.chance(self.crowd.attentive);
         let person = &mut self.persons[number];
         (person.goal, person.stands, person.until, person.looks) = (goal, false, until, looks);
+    }
+
+    /// Finds the ways to a place, once.
+    fn chart(&mut self, place: usize) {
+        if self.fields[place].is_none() {
+            self.fields[place] = Some(self.floor.field(self.places[place]));
+        }
     }
 
     /// Desired velocity of a person, m/s.

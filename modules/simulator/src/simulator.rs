@@ -4,6 +4,7 @@ use crate::auxiliary::{Auxiliary, HostConfig, I2cConfig, W1Config};
 use crate::boards::battery::BatteryConfig;
 use crate::boards::can_line::CanLine;
 use crate::boards::drive::{Axis, Disobedience, Drive, DriveConfig, Layout};
+use crate::boards::drive_line::{DriveLine, DriveLineConfig};
 use crate::boards::encoder::Wrong;
 use crate::boards::feed_line::FeedLine;
 use crate::boards::line::{Board, Kind, SerialLine, Wire};
@@ -106,6 +107,8 @@ pub struct Config {
     pub seed: u64,
     /// The CAN bus.
     pub can: Option<CanConfig>,
+    /// Serial lines with motor controllers.
+    pub drive_lines: Vec<DriveLineConfig>,
     /// The serial buses.
     pub serial: Vec<SerialConfig>,
     /// The I2C buses.
@@ -146,6 +149,7 @@ impl Default for Config {
             sonar: Sonar::default(),
             seed: 1,
             can: None,
+            drive_lines: Vec::new(),
             serial: Vec::new(),
             i2c: Vec::new(),
             w1: None,
@@ -182,12 +186,14 @@ base::deadlines! {
 
 /// The module `simulator`. Its ports: the CAN bus, if there is one, then the serial and the I2C buses in the order of
 /// its configuration, then the 1-Wire bus, if there is one, the computer's temperatures, the gamepad, the GPIO line,
-/// the lines of `driver_io`, the lidars, and the inertial measurement units that have a line of their own.
+/// the lines of `driver_io`, the lidars, the inertial measurement units that have a line of their own, and the lines of
+/// motor controllers.
 pub struct Simulator {
     config: Config,
     ports: Vec<PortSpec>,
     scene: Scene,
     drives: Vec<Drive>,
+    drive_lines: Vec<DriveLine>,
     output: Option<FeedOutput>,
     feed_line: Option<FeedLine>,
     can: CanLine,
@@ -235,11 +241,16 @@ impl Simulator {
         let imus = config.imus.iter().filter_map(own_line);
         let ports =
             can.chain(serial).chain(i2c).chain(w1).chain(host).chain(gamepad).chain(line).chain(modbus).chain(gpio);
-        let ports = ports.chain(lidars).chain(imus);
+        let drive_lines = config
+            .drive_lines
+            .iter()
+            .map(|line| PortSpec { bus: line.bus.clone(), line: Line::Serial { baud: line.baud } });
+        let ports = ports.chain(lidars).chain(imus).chain(drive_lines);
         let ports = ports.collect();
         Self {
             scene: scene(&config, Instant::ZERO),
             drives: Vec::new(),
+            drive_lines: Vec::new(),
             output: None,
             feed_line: None,
             can: can_line(&config),
@@ -281,6 +292,11 @@ impl Simulator {
         for drive in &mut self.drives {
             drive.power_on(now, body);
         }
+        let lines = self.config.drive_lines.iter();
+        self.drive_lines = lines.map(|line| drive_line(line, self.config.wire_time, &self.scene)).collect();
+        for line in &mut self.drive_lines {
+            line.power_on(now, self.scene.body());
+        }
         let output = self.config.can.as_ref().and_then(|can| can.output);
         self.output = output.map(|output| FeedOutput::new(output, now));
         self.feed_line = self.config.line.as_ref().map(|_| FeedLine::default());
@@ -316,11 +332,20 @@ impl Simulator {
 
     /// True for the port of an inertial measurement unit: nothing is sent to it.
     fn is_imu(&self, port: PortId) -> bool {
-        usize::from(port.0) >= self.first_imu()
+        (self.first_imu()..self.first_drive_line()).contains(&usize::from(port.0))
+    }
+
+    /// The number of the line of a motor controller at a port.
+    fn drive_line_of(&self, port: PortId) -> Option<usize> {
+        usize::from(port.0).checked_sub(self.first_drive_line())
+    }
+
+    fn first_drive_line(&self) -> usize {
+        self.ports.len() - self.config.drive_lines.len()
     }
 
     fn first_imu(&self) -> usize {
-        self.ports.len() - self.config.imus.iter().filter(|imu| imu.baud.is_some()).count()
+        self.first_drive_line() - self.config.imus.iter().filter(|imu| imu.baud.is_some()).count()
     }
 
     fn first_lidar(&self) -> usize {
@@ -399,7 +424,7 @@ impl Simulator {
 
     /// True if no step is needed until something comes from outside.
     fn rests(&self) -> bool {
-        self.scene.rests() && self.drives.iter().all(Drive::rests)
+        self.scene.rests() && self.drives.iter().all(Drive::rests) && self.drive_lines.iter().all(DriveLine::rests)
     }
 
     fn step(&mut self) {
@@ -415,11 +440,21 @@ impl Simulator {
                 Axis::Steering => self.scene.demand.steering = demand,
             }
         }
+        let wheels = self.scene.demand.wheels.len();
+        for line in &mut self.drive_lines {
+            let demands: Vec<_> = line.demands(at, self.scene.body()).collect();
+            for (wheel, demand) in demands.into_iter().filter(|(wheel, _)| usize::from(*wheel) < wheels) {
+                self.scene.demand.wheels[usize::from(wheel)] = demand;
+            }
+        }
         let before = self.scene.body().steering_output();
         self.scene.step();
         let turned = (self.scene.body().steering_output() - before) / dt;
         for drive in &mut self.drives {
             drive.stepped(at, self.scene.body(), turned);
+        }
+        for line in &mut self.drive_lines {
+            line.handle_timeout(at, self.scene.body());
         }
         if self.scene.body().is_blocked() {
             for board in boards(&mut self.lines) {
@@ -464,6 +499,9 @@ impl Simulator {
             for drive in &mut self.drives {
                 drive.feed_motor(now, motors, self.scene.body());
             }
+            for line in &mut self.drive_lines {
+                line.feed(now, motors, self.scene.body());
+            }
         }
     }
 
@@ -505,6 +543,9 @@ impl Simulator {
         }
         for drive in &mut self.drives {
             drive.handle_timeout(now, self.scene.body());
+        }
+        for line in &mut self.drive_lines {
+            line.handle_timeout(now, self.scene.body());
         }
         if let Some(output) = &mut self.output {
             output.handle_timeout(now);
@@ -576,12 +617,14 @@ impl Simulator {
     /// Injects a fault into a target; false if there is no such target, or it cannot have that fault.
     fn inject(&mut self, now: Instant, target: &str, injected: InjectedFault, until: Instant) -> bool {
         let wheels = self.drives.iter().filter(|drive| drive.axis() != Axis::Steering).count();
+        let wheels = wheels + self.drive_lines.iter().flat_map(DriveLine::motors).count();
         if let Some(drive) = self.drives.iter_mut().find(|drive| drive.config.name == target) {
             match injected {
                 InjectedFault::Silent => drive.silent_until = until,
                 InjectedFault::None => {
                     drive.silent_until = now;
                     drive.disobey(None, now);
+                    drive.open(None, now);
                     drive.misread(None, now, self.scene.body());
                     drive.set_layout(now, Layout::Usual, self.scene.body());
                     self.can.heal_node(drive.config.node);
@@ -597,14 +640,22 @@ impl Simulator {
                     return drive.misread(Some(Wrong::Of(wheel - 1)), until, self.scene.body());
                 }
                 InjectedFault::Swapped(_) => return false,
+                InjectedFault::Opened(bit) => return drive.open(Some(bit), until),
                 InjectedFault::Layout => return drive.set_layout(now, Layout::Other, self.scene.body()),
                 injected => {
                     let DriveConfig { node, kind, .. } = &drive.config;
-                    let Some(objects) = kind.dictionary(*node) else { return false };
+                    let objects = kind.dictionary(*node);
                     return self.can.inject_node(now, *node, injected, until, objects);
                 }
             }
             return true;
+        }
+        let body = self.scene.body();
+        if let Some(line) = self.drive_lines.iter_mut().find(|line| line.motors().any(|name| name == target)) {
+            return line.inject(now, target, injected, until, (wheels, body));
+        }
+        if let Some(line) = self.drive_lines.iter_mut().find(|line| line.config.bus == target) {
+            return line.disturb(now, injected, until);
         }
         if let Some(output) = self.output.as_mut().filter(|_| target == FeedOutput::NAME) {
             let silent = match injected {
@@ -671,6 +722,12 @@ impl Simulator {
         while let Some((line, words)) = self.imus.poll_tx() {
             out.push(module::Action::Send(PortId((first + line) as u8), Output::Words(words)));
         }
+        let first = self.first_drive_line();
+        for (port, line) in (first..).zip(&mut self.drive_lines) {
+            while let Some(words) = line.poll_tx(now) {
+                out.push(module::Action::Send(PortId(port as u8), Output::Words(words)));
+            }
+        }
         while let Some(frame) = self.imus.poll_frame() {
             if self.config.can.is_some() && self.can.passes(now, &frame) {
                 out.send_can(PortId(0), frame);
@@ -701,6 +758,11 @@ fn can_line(config: &Config) -> CanLine {
     CanLine::new(bitrate, config.wire_time, Random::stream(config.seed, u64::from_le_bytes(*b"can line")))
 }
 
+fn drive_line(config: &DriveLineConfig, wire_time: bool, scene: &Scene) -> DriveLine {
+    let chance = config.bus.bytes().fold(0, |sum, byte| sum << 8 | u64::from(byte));
+    DriveLine::new(config.clone(), wire_time, scene.random(chance ^ u64::from_le_bytes(*b"uart    ")))
+}
+
 fn scene(config: &Config, start: Instant) -> Scene {
     let scene = Scene::new(start, config.world.clone(), config.parameters, config.sonar, config.seed);
     match &config.wheels {
@@ -726,7 +788,9 @@ impl Module for Simulator {
             Event::Start => self.start(now, out),
             Event::Timer => self.timer(now, out),
             Event::Port { port, input: Input::Words(words) } if !self.is_imu(port) => {
-                if let Some(lidar) = self.lidar_of(port) {
+                if let Some(line) = self.drive_line_of(port).and_then(|line| self.drive_lines.get_mut(line)) {
+                    line.handle_rx(now, words, self.scene.body());
+                } else if let Some(lidar) = self.lidar_of(port) {
                     self.lidars.on_words(now, lidar, words);
                 } else if let Some(line) = self.io_of(port) {
                     self.io.on_words(now, line, words);
@@ -776,6 +840,7 @@ impl Module for Simulator {
         let parts = [self.gamepad.poll_timeout(), self.auxiliary.poll_timeout()].into_iter();
         let parts = parts.chain(self.lines.iter().map(SerialLine::poll_timeout));
         let drives = self.drives.iter().filter_map(Drive::poll_timeout);
+        let drives = drives.chain(self.drive_lines.iter().filter_map(DriveLine::poll_timeout));
         let drives = drives.chain(self.output.as_ref().and_then(FeedOutput::poll_timeout));
         let own = [self.deadlines.next(), step, self.can.poll_timeout(), self.io.poll_timeout()];
         let own = own.into_iter().chain([self.lidars.poll_timeout(), self.imus.poll_timeout()]).flatten();

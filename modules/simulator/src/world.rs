@@ -7,6 +7,7 @@ mod keys;
 use keys::{BEACONS, COLUMNS, DROPS, PEOPLE, POINTS, START, WALLS};
 use navitools::{Point, Pose};
 use settings::{Section, settings};
+use std::path::PathBuf;
 
 /// A straight wall, seen and felt from both sides.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,11 +77,54 @@ settings! {
 }
 
 settings! {
+    /// `[[boxes]]`: a box on the floor with four walls, which may be turned.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Crate {
+        /// Middle, m.
+        x: f64 = required, -1e4..=1e4;
+        /// Middle, m.
+        y: f64 = required, -1e4..=1e4;
+        /// Along its own x, m.
+        length: f64 = required, 0.05..=1000.0;
+        /// Along its own y, m.
+        width: f64 = required, 0.05..=1000.0;
+        /// Direction of its own x, rad.
+        theta: f64 = 0.0, -7.0..=7.0;
+    }
+}
+
+impl Crate {
+    /// Its four walls.
+    #[must_use]
+    pub fn walls(&self) -> [Segment; 4] {
+        let (sin, cos) = (libm::sin(self.theta), libm::cos(self.theta));
+        let corner = |along: f64, across: f64| {
+            let (dx, dy) = (along * self.length / 2.0, across * self.width / 2.0);
+            Point { x: self.x + cos * dx - sin * dy, y: self.y + sin * dx + cos * dy }
+        };
+        let corners = [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
+        [0, 1, 2, 3].map(|i| Segment { a: corners[i], b: corners[(i + 1) % 4] })
+    }
+}
+
+settings! {
+    /// `[[walkers]]`: a person who walks to and fro between two points, or stands.
+    #[derive(Clone, Debug, Default, PartialEq)]
+    pub struct Walker {
+        /// `[[x, y]]`, m: he stands there; or `[[x, y], [x, y]]`: he walks to and fro, and begins at the first.
+        points: Vec<Point> = [], POINTS;
+    }
+}
+
+settings! {
     /// A world for the simulated robot (conf/worlds/README.md): all static objects, and the number of people.
     #[derive(Clone, Debug, Default, PartialEq)]
     pub struct World {
         /// Pose of the robot at first: x and y of the middle of the rear axle, m; theta, rad.
         start: Pose = required, START;
+        /// Map of further walls in YAML and PGM, as nav2 has them, from the world's file on: what is occupied in it,
+        /// and what is unknown beside what is free.
+        map: Option<PathBuf> = optional;
         /// Straight walls `[ax, ay, bx, by]`, m; seen and felt from both sides.
         walls: Vec<Segment> = [], WALLS;
         /// Walls of glass: a lidar sees through them, unless it looks at one within 4° of a right angle.
@@ -102,6 +146,10 @@ settings! {
         places: Vec<Point> = [], POINTS;
         /// Ways for the robot; `advee up --sim --goal NAME` drives one.
         routes: Vec<Route> = [];
+        /// Boxes; their walls are among the walls.
+        boxes: Vec<Crate> = [];
+        /// People with a place or a way of their own, beside the visitors; together at most 200.
+        walkers: Vec<Walker> = [];
     }
 }
 
@@ -114,6 +162,9 @@ pub(crate) enum Surface {
     Black,
     Shiny,
 }
+
+/// Least distance of a walker's first point from the start of the robot, m: a robot does not begin in a contact.
+pub const WALKER_APART: f64 = 1.5;
 
 /// Defect of a world.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -132,6 +183,9 @@ pub enum WorldError {
     Route(usize),
     /// More people than [`Crowd::MOST`], or an invalid fraction of them.
     People,
+    /// The walker of this index has such a coordinate, not one or two points, or begins within [`WALKER_APART`] of the
+    /// start.
+    Walker(usize),
     /// The start has such a coordinate.
     Start,
 }
@@ -146,6 +200,10 @@ impl core::fmt::Display for WorldError {
             Self::Place(i) => write!(f, "places[{i}]: not numbers within ±10000 m"),
             Self::Route(i) => write!(f, "routes[{i}]: not numbers within ±10000 m, no waypoint, or a name twice"),
             Self::People => write!(f, "people: not from 0 to {}, or a share that is not from 0 to 1", Crowd::MOST),
+            Self::Walker(i) => write!(
+                f,
+                "walkers[{i}]: not one or two points within ±10000 m, or nearer than {WALKER_APART} m to the start"
+            ),
             Self::Start => write!(f, "start: not numbers within ±10000 m"),
         }
     }
@@ -261,11 +319,12 @@ impl World {
         Self { walls, start: Pose::new(width / 2.0, depth / 2.0, 0.0), ..Self::default() }
     }
 
-    /// The same with the walls of `glass`, `black` and `shiny` among the walls: for everything but a lidar they are
-    /// walls as others.
+    /// The same with the walls of `glass`, `black`, `shiny` and `boxes` among the walls: for everything but a lidar
+    /// they are walls as others.
     #[must_use]
     pub fn with_surfaces(mut self) -> Self {
         self.walls.extend(self.glass.iter().chain(&self.black).chain(&self.shiny));
+        self.walls.extend(self.boxes.iter().flat_map(Crate::walls));
         self
     }
 
@@ -305,8 +364,12 @@ impl World {
         let share = |share: f64| (0.0..=1.0).contains(&share);
         let people = self.people;
         let shares = [people.grouped, people.attentive, people.dark];
-        let good = people.count <= Crowd::MOST && shares.into_iter().all(share);
+        let good = people.count as usize + self.walkers.len() <= Crowd::MOST as usize && shares.into_iter().all(share);
         bad(good, WorldError::People)?;
+        for (i, Walker { points }) in self.walkers.iter().enumerate() {
+            let apart = points.first().is_some_and(|at| at.distance(self.start.point()) >= WALKER_APART);
+            bad(apart && points.len() <= 2 && points.iter().all(|point| sane(*point)), WorldError::Walker(i))?;
+        }
         bad(sane(self.start.point()) && !self.start.theta.radians().is_nan(), WorldError::Start)
     }
 
@@ -457,6 +520,16 @@ mod tests {
         let half = libm::sqrt(0.25 - 0.01);
         assert!((hit.distance - (4.0 - half)).abs() < 1e-12 && (hit.cos_incidence - half / 0.5).abs() < 1e-12);
         assert_eq!(world.ray(p(10.0, 6.0), (-1.0, 0.0), 100.0).unwrap().distance, 10.0);
+    }
+
+    #[test]
+    fn a_box_has_four_walls_and_is_turned_about_its_middle() {
+        let one = Crate { x: 10.0, y: 6.0, length: 2.0, width: 1.0, theta: core::f64::consts::FRAC_PI_2 };
+        let world = World { boxes: vec![one], ..World::default() }.with_surfaces();
+        assert_eq!(world.walls.len(), 4);
+        let ahead = |x: f64, y: f64| world.ray(p(x, y), (1.0, 0.0), 100.0).map(|hit| hit.distance);
+        assert!((ahead(0.0, 6.9).unwrap() - 9.5).abs() < 1e-9, "its length lies along y");
+        assert_eq!(ahead(0.0, 7.1), None);
     }
 
     #[test]

@@ -4,8 +4,8 @@
 //! - `/ws/command`, both ways: commands, answers, round-trip time, the holder of the motion authority.
 //!
 //! Text frames carry one JSON object each. Messages have the fields of `docs/messages.md`, in SI units and radians,
-//! counter-clockwise; NaN is `null`. A frame of more than 4 KiB, or more than 100 frames a second, closes the command
-//! socket.
+//! counter-clockwise; NaN is `null`. A frame of more than 4 KiB (48 KiB for a `scenario`), or more than 100 frames a
+//! second, closes the command socket.
 
 // `make generate` writes modules/web/page/src/protocol.ts from the comment above and the types of this folder.
 

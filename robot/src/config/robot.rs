@@ -12,14 +12,15 @@ use drivers::rs485a::Ranger;
 use drivers::{canbus, imu, io, joydev, lidar, power, rs485_bus};
 use estimator::filter;
 use host::ports::settings::{
-    CanInterface, CanPort, GamepadPort, HostPort, I2cPlace, I2cPort, ImuPort, LidarPort, SerialPort, StreamPort, W1Port,
+    CanInterface, CanPort, GamepadPort, HostPort, I2cPlace, I2cPort, ImuPort, LidarPort, LinePort, SerialPort,
+    StreamPort, W1Port,
 };
 use module::Line;
 use module::admission::Commands;
 use navitools::{Point, Pose};
 use ros2::settings::Ros2;
 use settings::robot::{Base, Beacon, Geometry, Limits};
-use settings::{Bytes, Choice, Table, settings};
+use settings::{Bytes, Choice, Section as _, Table, settings};
 use std::path::PathBuf;
 use web::settings::Web;
 
@@ -44,6 +45,8 @@ settings! {
         can: Vec<CanBus> = named;
         /// EIA-485 buses by name.
         rs485: Vec<Rs485Bus> = named;
+        /// Serial lines with a drive of wheels each, by name (docs/motor-controllers.md).
+        serial: Vec<SerialLine> = named;
         /// I2C buses by name.
         i2c: Vec<I2cBus> = named;
         /// The 1-Wire bus.
@@ -137,6 +140,16 @@ settings! {
         name: String = key;
         line: SerialPort = flat;
         driver: rs485_bus::BusConfig = flat;
+    }
+}
+
+settings! {
+    /// `[serial.<name>]`: a serial line with a drive of one or two wheels.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct SerialLine {
+        name: String = key;
+        port: LinePort = flat;
+        driver: canbus::LineKeys = flat;
     }
 }
 
@@ -312,9 +325,21 @@ impl Io {
             || self.w1.iter().any(|keys| !keys.output && keys.name == name)
     }
 
-    /// Configuration of `driver_io`, whose outputs show `signals`; `w1_bus`: name of the 1-Wire bus.
+    /// True if it has an input of this name that is 0 or 1, and read often enough to stop the robot.
+    fn has_stop_input(&self, name: &str) -> bool {
+        let is_bit = |keys: &io::SignalKeys| {
+            let of_bits = matches!(keys.table, modbus::Table::Coils | modbus::Table::DiscreteInputs);
+            !keys.output && keys.name == name && (of_bits || keys.format == modbus::value::Kind::Bit)
+        };
+        let prompt = |bus: &&ModbusBus| bus.driver.period <= STOP_PERIOD_MAX;
+        let mut modbus = self.modbus.iter().filter(prompt).flat_map(|bus| &bus.driver.signals);
+        modbus.any(is_bit) || self.gpio.iter().any(|keys| !keys.output && keys.name == name)
+    }
+
+    /// Configuration of `driver_io`, whose outputs show `signals`; `w1_bus`: name of the 1-Wire bus; `stop`: its
+    /// inputs.
     #[must_use]
-    pub fn config(&self, signals: &io::Shows, w1_bus: &str) -> io::Config {
+    pub fn config(&self, signals: &io::Shows, w1_bus: &str, stop: &canbus::Stop) -> io::Config {
         let modbus = |bus: &ModbusBus| io::Modbus { bus: bus.bus(), line: bus.line(), keys: bus.driver.clone() };
         io::Config {
             publish: self.publish,
@@ -325,9 +350,13 @@ impl Io {
             power: self.power.clone(),
             batteries: self.battery.clone(),
             signals: signals.clone(),
+            stops: stop.signals().map(Into::into).collect(),
         }
     }
 }
+
+/// Longest period in which an input that stops the robot is read: older than 0.5 s it counts as open.
+const STOP_PERIOD_MAX: Duration = Duration::from_millis(200);
 
 /// The name of a line's port.
 #[must_use]
@@ -366,6 +395,20 @@ impl Lidar {
         let baud = line.address.is_none().then_some(line.baud);
         let (name, bus, stop) = (self.name.clone(), self.bus(), self.stop.clone());
         lidar::Device { name, bus, baud, keys: self.driver, stop }
+    }
+}
+
+impl SerialLine {
+    /// Its name as a bus.
+    #[must_use]
+    pub fn bus(&self) -> String {
+        format!("serial.{}", self.name)
+    }
+
+    /// For `driver_canbus`.
+    #[must_use]
+    pub fn line(&self) -> canbus::LineConfig {
+        self.driver.line(self.bus(), self.port.baud)
     }
 }
 
@@ -460,12 +503,30 @@ impl Robot {
     #[must_use]
     pub fn power_lost_mps2(&self) -> f64 {
         match self.stop.pause {
-            PauseStop::Brake if self.can.iter().any(|bus| bus.driver.rolls_without_commands()) => {
-                self.stop.brake_mps2.min(self.stop.coasting_mps2)
-            }
+            PauseStop::Brake if self.rolls_without_commands() => self.stop.brake_mps2.min(self.stop.coasting_mps2),
             PauseStop::Brake => self.stop.brake_mps2,
             PauseStop::Coast | PauseStop::Delayed => self.stop.coasting_mps2,
         }
+    }
+
+    /// True if it rolls, braked by nothing, once its drives get no commands.
+    fn rolls_without_commands(&self) -> bool {
+        !self.serial.is_empty() || self.can.iter().any(|bus| bus.driver.rolls_without_commands())
+    }
+
+    /// What `driver_canbus` is configured with, and the number of its CAN bus among `buses`, if it has one; absent
+    /// unless each axis of the base has a drive on that bus or on a serial line. The other modules are to be set.
+    #[must_use]
+    pub fn motion(&self, buses: &[CanBus]) -> Option<(Option<usize>, canbus::Config)> {
+        let (axes, needs_bus) = (self.axes(), self.stop.feed_output().is_some());
+        let lines: Vec<canbus::LineConfig> = self.serial.iter().map(SerialLine::line).collect();
+        let with = |driver: &canbus::BusConfig, bus| {
+            driver.driver_with(bus, lines.clone(), self.base, &self.geometry, self.limits)
+        };
+        let drives = |bus: &CanBus| bus.driver.nodes.iter().any(|node| axes.contains(&node.axis.name()));
+        let mut used = buses.iter().enumerate().filter(|(_, bus)| needs_bus || drives(bus));
+        let on_bus = used.find_map(|(n, bus)| Some((Some(n), with(&bus.driver, Some(format!("can.{}", bus.name)))?)));
+        on_bus.or_else(|| Some((None, with(&canbus::BusConfig::usual(), None)?)))
     }
 
     /// Highest speed of a robot that senses nothing, m/s; `None`: it senses something.
@@ -495,6 +556,7 @@ impl Robot {
 
     fn check(&self, table: &Table<'_>) {
         self.check_axes(table);
+        self.check_lines(table);
         self.check_imus(table);
         self.check_rangers(table, "srfs", &self.srfs, 7);
         self.check_rangers(table, "irs", &self.irs, 1);
@@ -522,6 +584,7 @@ impl Robot {
         }
         self.check_fields(table);
         self.check_signals(table);
+        self.check_stop(table);
         self.check_computers(table);
         if self.w1.is_none()
             && self.io.as_ref().is_some_and(|io| !io.w1.is_empty())
@@ -603,6 +666,29 @@ impl Robot {
         }
     }
 
+    /// Inputs that stop the robot exist, can be read often enough, and are named once.
+    fn check_stop(&self, table: &Table<'_>) {
+        let Some(stop) = table.below("stop") else { return };
+        for (n, input) in self.stop.inputs.iter().enumerate() {
+            let Some(item) = stop.item("inputs", n) else { continue };
+            let key = if input.signal.is_some() { "signal" } else { "axis" };
+            if self.stop.inputs[..n].contains(input) {
+                item.refuse(key, "an input that no other of the inputs is");
+            }
+            if let Some(name) = &input.signal
+                && !self.io.as_ref().is_some_and(|io| io.has_stop_input(name))
+            {
+                let expected = "an input of [io] that is 0 or 1: a GPIO line, or a bit of a Modbus line whose period_s \
+                                is at most 0.2";
+                item.refuse(key, expected);
+            }
+            let is_its = |node: &&canbus::Node| Some(node.axis) == input.axis && node.is_canopen();
+            if input.axis.is_some() && !self.can.iter().any(|bus| bus.driver.nodes.iter().any(|node| is_its(&node))) {
+                item.refuse(key, "an axis with a drive of CANopen");
+            }
+        }
+    }
+
     /// The sensors reach as far as the fields of the guard.
     fn check_fields(&self, table: &Table<'_>) {
         let Some(guard) = table.below("guard").filter(|_| !self.guard.fields.is_empty()) else { return };
@@ -660,6 +746,56 @@ impl Robot {
                 if let Some(item) = table.item("nodes", n) {
                     item.refuse("axis", format_args!("an axis of the base: {}", axes.join(", ")));
                 }
+            }
+        }
+    }
+
+    /// A drive on a serial line moves axes that the base has, and that no other drive moves, on a line of its own; one
+    /// whose command time limit cannot be proven needs a second way to stop.
+    fn check_lines(&self, table: &Table<'_>) {
+        let Some(lines) = table.below("serial") else { return };
+        let axes = self.axes();
+        let mut taken: Vec<canbus::Axis> =
+            self.can.iter().flat_map(|bus| bus.driver.nodes.iter().map(|node| node.axis)).collect();
+        let mut ports: Vec<&PathBuf> = Vec::new();
+        for line in &self.serial {
+            let Some(table) = lines.below(&line.name) else { continue };
+            for ((axis, _), place) in line.driver.motors().into_iter().zip(line.driver.tables()) {
+                let below = place.and_then(|name| table.below(name));
+                let table = below.as_ref().unwrap_or(&table);
+                if !axes.contains(&axis.name()) {
+                    table.refuse("axis", format_args!("an axis of the base: {}", axes.join(", ")));
+                } else if taken.contains(&axis) {
+                    table.refuse("axis", "one that no other drive moves");
+                }
+                taken.push(axis);
+            }
+            if ports.contains(&&line.port.port) {
+                table.refuse("port", "a line of its own: another drive has this one");
+            }
+            ports.push(&line.port.port);
+            if !line.line().device.proves_time_limit() && !self.stop.has_second_way(self.power.is_some()) {
+                table.refuse("driver", self.missing_way());
+            }
+        }
+        if self.stop.feed_output().is_some()
+            && self.can.is_empty()
+            && let Some(stop) = table.below("stop")
+        {
+            stop.refuse("second_way", "another one than a node of a CAN bus, of which there is none");
+        }
+    }
+
+    /// What a drive needs whose command time limit cannot be proven, and which key is missing.
+    fn missing_way(&self) -> &'static str {
+        match self.stop.second_way {
+            canbus::SecondWay::Power => {
+                "a robot with a second way to stop, since its command time limit cannot be proven: a table [power], or \
+                 stop.second_way = \"gpio\" or \"canopen\""
+            }
+            _ => {
+                "a robot with a second way to stop, since its command time limit cannot be proven: stop.second_way = \
+                 \"gpio\" or \"canopen\", or \"power\" with a table [power]"
             }
         }
     }

@@ -196,6 +196,109 @@ fn a_wheel_may_be_on_an_odrive_and_share_the_bus_with_canopen() {
     }
 }
 
+/// A robot on two wheels without a CAN bus, with these tables.
+fn on_lines(tables: &str) -> String {
+    let begin = ROBOT.find("[can.main]").unwrap();
+    let end = ROBOT.find("[rs485.a]").unwrap();
+    let base = "[base]\nkind = \"differential\"\ntrack_m = 0.42\n";
+    format!("{}{base}{tables}\n{}", &ROBOT[..begin], &ROBOT[end..])
+}
+
+/// A VESC on a UART.
+fn uart(name: &str, axis: &str) -> String {
+    format!(
+        "[serial.{name}]\nport = \"/dev/tty-{name}\"\ndriver = \"vesc\"\naxis = \"{axis}\"\nid = 1\ngear = 8\n\
+         pole_pairs = 7\n"
+    )
+}
+
+/// A RoboClaw on a line.
+fn roboclaw(m1: &str, m2: &str) -> String {
+    let motor = |axis: &str| format!("{{ axis = \"{axis}\", gear = 8, counts_per_turn = 4096 }}");
+    format!(
+        "[serial.wheels]\nport = \"/dev/ttyACM0\"\ndriver = \"roboclaw\"\nmodel = \"RoboClaw 2x15a v4.1.34\"\n\
+         m1 = {}\nm2 = {}\n",
+        motor(m1),
+        motor(m2)
+    )
+}
+
+const GPIO_STOP: &str = "[stop]\nsecond_way = \"gpio\"\ngpio = { chip = \"/dev/gpiochip0\", line = 17 }\n";
+
+#[test]
+fn wheels_may_be_on_serial_lines_with_and_without_a_can_bus() {
+    let vescs = uart("left", "left") + &uart("right", "right");
+    for (tables, lines) in [(vescs, 2), (roboclaw("left", "right") + GPIO_STOP, 1)] {
+        let robot = load(&on_lines(&tables), "", &[], MODULES).unwrap().robot;
+        let (bus, driver) = robot.motion(&robot.can).unwrap();
+        assert_eq!((bus, driver.bus.as_deref(), driver.lines.len(), driver.wheels.len()), (None, None, lines, 2));
+        assert!(driver.wheels.iter().all(|wheel| matches!(wheel.drive, canbus::PropulsionDrive::OnLine { .. })));
+    }
+    let epos = "[can.main]\ninterface = \"can0\"\n\
+                nodes = [{ id = 1, driver = \"epos\", axis = \"left\", gear = 26 }]\n";
+    let robot = load(&on_lines(&(uart("right", "right") + epos)), "", &[], MODULES).unwrap().robot;
+    let (bus, driver) = robot.motion(&robot.can).unwrap();
+    assert_eq!((bus, driver.bus.as_deref(), driver.lines.len()), (Some(0), Some("can.main"), 1));
+    let robot = load(&on_lines(&uart("left", "left")), "", &[], MODULES).unwrap().robot;
+    assert!(robot.motion(&robot.can).is_none(), "a wheel without a drive");
+    // A robot that steers: what drives it may be on a line, the steering is on CAN.
+    let steers = ROBOT.replace("    { id = 1, driver = \"epos\", axis = \"propulsion\", gear = 26 },\n", "");
+    let robot = load(&(steers + &uart("rear", "propulsion")), "", &[], MODULES).unwrap().robot;
+    assert!(robot.motion(&robot.can).is_some_and(|(_, driver)| driver.steering.is_some()));
+}
+
+#[test]
+fn a_robot_on_serial_lines_rolls_without_commands() {
+    let brake = ["stop.pause=brake", "stop.brake_mps2=0.8", "stop.coasting_mps2=0.15"];
+    let vescs = on_lines(&(uart("left", "left") + &uart("right", "right")));
+    assert_eq!(load(&vescs, "", &brake, MODULES).unwrap().robot.power_lost_mps2(), 0.15);
+}
+
+#[test]
+fn what_is_wrong_with_a_serial_line_is_refused_where_it_is_written() {
+    let (left, right) = (uart("left", "left"), uart("right", "right"));
+    let rolls = "a robot with a second way to stop, since its command time limit cannot be proven: ";
+    let needs = |keys: &str| format!("serial.wheels.driver = \"roboclaw\": expected {rolls}{keys}");
+    let with_power = needs("a table [power], or stop.second_way = \"gpio\" or \"canopen\"");
+    let with_way = needs("stop.second_way = \"gpio\" or \"canopen\", or \"power\" with a table [power]");
+    let cases = [
+        (left.clone() + &uart("right", "left"), "serial.right.axis = \"left\": expected one that no other drive moves"),
+        (
+            left.clone() + &uart("right", "wheel_1"),
+            "serial.right.axis = \"wheel_1\": expected an axis of the base: left, right",
+        ),
+        (left.replace("gear = 8", "gear = 0") + &right, "serial.left.gear = 0: expected a number that is not 0"),
+        (
+            left.clone() + &right.replace("tty-right", "tty-left"),
+            "serial.right.port = \"/dev/tty-left\": expected a line of its own: another drive has this one",
+        ),
+        (
+            left + &right.replace("axis = \"right\"", "axis = \"steering\""),
+            "serial.right.axis = \"steering\": expected \"propulsion\" or a wheel: this driver cannot steer",
+        ),
+        (
+            roboclaw("left", "left") + GPIO_STOP,
+            "serial.wheels.m2.axis = \"left\": expected another one than that of m1",
+        ),
+        (roboclaw("left", "right"), &with_power),
+        (roboclaw("left", "right") + "[stop]\nsecond_way = \"none\"\n", &with_way),
+        (
+            roboclaw("left", "right").replace("RoboClaw 2x15a v4.1.34", "") + GPIO_STOP,
+            "serial.wheels.model = \"\": expected model and version, as the device names them",
+        ),
+    ];
+    for (tables, expected) in cases {
+        let text = on_lines(&tables);
+        let wrong = load(&text, "", &[], MODULES).unwrap_err();
+        assert!(wrong[0].starts_with("robot.toml:") && wrong[0].ends_with(&format!(": {expected}")), "{wrong:?}");
+    }
+    let taken = "[can.main]\ninterface = \"can0\"\n\
+                 nodes = [{ id = 1, driver = \"epos\", axis = \"left\", gear = 26 }]\n";
+    let both = uart("left", "left") + &right + taken;
+    let wrong = load(&on_lines(&both), "", &[], MODULES).unwrap_err();
+    assert!(wrong[0].ends_with(": serial.left.axis = \"left\": expected one that no other drive moves"), "{wrong:?}");
+}
+
 #[test]
 fn a_gamepad_is_configured_by_names_and_codes() {
     use base::gamepad::{ABS_RY, BTN_TL, BTN_TR, BTN_WEST};
@@ -315,8 +418,8 @@ fn an_unknown_table_is_refused() {
         "[limits]",
         "[powder]\nport = \"x\"\n[limits]",
         &["robot.toml:11: powder: unknown key, expected one of robot, bus, geometry, base, limits, stop, can, rs485, \
-           i2c, w1, host, io, signals, lidar, imu, srfs, irs, sensors, beacons, estimator, power, gamepad, guard, \
-           planner, log, web, ros2, bridge"],
+           serial, i2c, w1, host, io, signals, lidar, imu, srfs, irs, sensors, beacons, estimator, power, gamepad, \
+           guard, planner, log, web, ros2, bridge"],
     );
 }
 
@@ -497,6 +600,41 @@ fn the_output_that_cuts_the_feed_is_a_node_of_its_own() {
     let canbus::OutputConfig { node, subindex, bits, on, cut, .. } = with("canopen").unwrap();
     assert_eq!((node, subindex, bits, on, cut), (5, 1, 8, 1, 0));
     assert_eq!(with("power"), None);
+}
+
+#[test]
+fn an_input_that_stops_the_robot_exists_and_is_read_often_enough() {
+    let io = "[io.modbus.plc]\naddress = \"127.0.0.1:1502\"\nperiod_s = PERIOD\nsignals = [\
+              { name = \"gate\", table = \"discrete\", address = 0 }, \
+              { name = \"volts\", table = \"input\", address = 1 }]\n\
+              [[io.gpio]]\nname = \"estop\"\nchip = \"/dev/gpiochip0\"\nline = 1\n";
+    let table = |period: &str, inputs: &str| {
+        let io = io.replacen("PERIOD", period, 1);
+        ROBOT.replacen("[limits]", &format!("[stop]\ninputs = [{inputs}]\n{io}[limits]"), 1)
+    };
+    let good = "{ signal = \"estop\" }, { signal = \"gate\" }, { axis = \"propulsion\", bit = 16 }";
+    let robot = load(&table("0.1", good), "", &[], MODULES).unwrap().robot;
+    let sources: Vec<String> = robot.stop.inputs.iter().map(canbus::StopInput::source).collect();
+    assert_eq!(sources, ["io.estop", "io.gate", "drive.propulsion.16"]);
+    let signal =
+        "an input of [io] that is 0 or 1: a GPIO line, or a bit of a Modbus line whose period_s is at most 0.2";
+    for (period, input, why) in [
+        ("0.1", "{ signal = \"volts\" }", format!(".signal = \"volts\": expected {signal}")),
+        ("0.1", "{ signal = \"nothing\" }", format!(".signal = \"nothing\": expected {signal}")),
+        ("0.5", "{ signal = \"gate\" }", format!(".signal = \"gate\": expected {signal}")),
+        ("0.1", "{ axis = \"left\", bit = 3 }", ".axis = \"left\": expected an axis with a drive of CANopen".into()),
+        ("0.1", "{ axis = \"steering\", bit = 32 }", ".bit = 32: expected an integer from 0 to 31".into()),
+        ("0.1", "{ bit = 3 }", ".signal: missing, expected a signal of [io], or an axis and a bit".into()),
+    ] {
+        let errors = load(&table(period, input), "", &[], MODULES).unwrap_err().join("\n");
+        assert!(errors.contains(&format!("stop.inputs[0]{why}")), "{input}: {errors}");
+    }
+    let twice = "{ axis = \"steering\", bit = 3 }, { axis = \"steering\", bit = 3 }";
+    let errors = load(&table("0.1", twice), "", &[], MODULES).unwrap_err().join("\n");
+    assert!(
+        errors.contains("stop.inputs[1].axis = \"steering\": expected an input that no other of the inputs is"),
+        "{errors}"
+    );
 }
 
 #[test]
@@ -771,6 +909,45 @@ fn the_shipped_worlds_load() {
     assert!(lines[0].contains(why), "{lines:?}");
 }
 
+/// The file that modules/web/page/src/map/scenario.test.ts makes.
+#[test]
+fn a_scenario_of_the_page_is_a_world() {
+    let file = shipped().join("../../modules/web/page/src/map/scenario.fixture.toml");
+    let (hall, drawn) = (world(&shipped(), None, &[]).unwrap(), world(&shipped(), Some(&file), &[]).unwrap());
+    assert_eq!((drawn.start.x, drawn.start.y), (2.5, 6.0));
+    assert!((drawn.start.theta.radians() - std::f64::consts::FRAC_PI_2).abs() < 1e-5);
+    assert_eq!((drawn.boxes.len(), drawn.walls.len()), (1, hall.walls.len() + 4));
+    assert_eq!(drawn.walkers.iter().map(|walker| walker.points.len()).collect::<Vec<_>>(), [2, 1]);
+    let (routes, way) = drawn.routes.split_at(hall.routes.len());
+    assert_eq!((routes, way[0].name.as_str(), way[0].waypoints.len()), (&hall.routes[..], "scenario", 2));
+    assert_eq!((drawn.columns, drawn.beacons, drawn.people), (hall.columns, hall.beacons, hall.people));
+}
+
+#[test]
+fn boxes_and_walkers_are_read_as_strictly() {
+    let refused = |text: &str| {
+        let node = Node::parse(Path::new("w.toml"), &format!("start = [0, 0, 0]\n{text}")).unwrap();
+        parsed_world(node, Path::new("w.toml"), &[]).unwrap_err().to_string()
+    };
+    assert!(refused("[[boxes]]\nx = 1\ny = 1\nlength = 0\nwidth = 1\n").contains("w.toml:5: boxes[0].length = 0"));
+    assert!(refused("[[boxes]]\nx = 1\ny = 1\nlength = 1\nwidth = 1\nheight = 1\n").contains("height: unknown key"));
+    assert!(refused("[[walkers]]\npoints = []\n").contains("walkers[0]: not one or two points"));
+    assert!(refused("[[walkers]]\npoints = [[1, 0]]\n").contains("nearer than 1.5 m to the start"));
+    let crowd = "[[walkers]]\npoints = [[5, 5]]\n".repeat(201);
+    assert!(refused(&crowd).contains("people: not from 0 to 200"));
+}
+
+#[test]
+fn a_world_that_is_sent_as_text_names_no_file() {
+    let read = |text: &str| super::world_without_files(Path::new("scenario"), text).map_err(|error| error.to_string());
+    assert_eq!(read("start = [0, 0, 0]\n[[routes]]\nname = \"map\"\n"), Ok(()));
+    for map in ["map = \"/etc/passwd\"", "\"map\" = \"hall.yaml\"", "'map' = \"../x.yaml\"", "map.x = 1", "[map]"] {
+        let why = read(&format!("start = [0, 0, 0]\n{map}\n")).expect_err(map);
+        assert!(why.starts_with("scenario: map: a world that is sent as text names no file"), "{map}: {why}");
+    }
+    assert!(read("start = [").expect_err("no TOML").starts_with("scenario:1"));
+}
+
 #[test]
 fn a_world_is_read_as_strictly() {
     let text = "walls = [\n[0, 0, 1],\n[0, 0, 1, 2e4],\n]\ncolumns = 1\ndrops = [3, [[0, \"a\"]]]\nmoon = true\n\
@@ -786,8 +963,8 @@ fn a_world_is_read_as_strictly() {
             "w.toml:5: columns = 1: expected a list",
             "w.toml:6: drops[0] = 3: expected a list of corners [x, y]",
             "w.toml:6: drops[1][0] = [2 items]: expected a list of 2 numbers within ±10000",
-            "w.toml:7: moon: unknown key, expected one of start, walls, glass, black, shiny, columns, drops, \
-             beacons, people, places, routes",
+            "w.toml:7: moon: unknown key, expected one of start, map, walls, glass, black, shiny, columns, drops, \
+             beacons, people, places, routes, boxes, walkers",
             "w.toml:9: beacons[0].id = 256: expected an integer from 0 to 255",
         ]
     );

@@ -1,7 +1,7 @@
 //! Which senders the modules accept, by the robot's own processes and the transport of a message (docs/design.md,
 //! section 11): commands from those that `[bus] commands` names, reports that all is well only from the watchdog and
-//! the power controller, the measured motion only from the driver, the estimate only from the estimator, and the bounds
-//! only from the guard.
+//! the power controller, that a lidar's fields are free or an input is closed only from its driver, the measured motion
+//! only from the driver, the estimate only from the estimator, and the bounds only from the guard.
 //!
 //! The witness is the host, which knows each sender; `module::admission`, which the modules use, is not asked.
 
@@ -20,6 +20,8 @@ pub(super) struct Believed {
     drivers: Vec<u32>,
     guards: Vec<u32>,
     estimators: Vec<u32>,
+    /// Of modules that report sources of PAUSE, with their names.
+    stops: Vec<(u32, Box<str>)>,
 }
 
 impl Believed {
@@ -34,7 +36,15 @@ impl Believed {
             self.guards.push(pid);
         } else if limits.estimator.as_deref() == Some(module) {
             self.estimators.push(pid);
+        } else if limits.stops.iter().any(|stop| stop.module == module) {
+            self.stops.push((pid, module.into()));
         }
+    }
+
+    /// True if this sender is a process of the module that reports this source of PAUSE.
+    pub fn reports_the_source(&self, sender: Sender, source: &str, limits: &Limits) -> bool {
+        let is_its = |module: &str| self.stops.iter().any(|(pid, own)| sender.pid() == Some(*pid) && **own == *module);
+        limits.stops.iter().any(|stop| stop.source == source && is_its(&stop.module))
     }
 
     /// True if this sender reports the state of the PAUSE line, and not for itself.
@@ -57,6 +67,9 @@ impl Believed {
         match said {
             Message::CmDataProcesses(_) => is_one_of(sender, &self.watchdogs),
             Message::LlEventStop(stop) if stop.engaged => true,
+            Message::LlEventStop(stop) if limits.stops.iter().any(|known| known.source == stop.source) => {
+                self.reports_the_source(sender, &stop.source, limits)
+            }
             Message::LlEventStop(_) if limits.power.is_some() => self.reports_the_line(sender, limits),
             Message::LlDataMotion(_) | Message::LlDataVelocity(_) => is_one_of(sender, &self.drivers),
             Message::LlDataGuard(_) if limits.guard.is_some() => is_one_of(sender, &self.guards),

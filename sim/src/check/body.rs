@@ -1,7 +1,7 @@
 //! A robot without permission to move comes to a standstill.
 //!
 //! Bound: 200 ms until a drive without a master's heartbeat stops by itself, 300 ms, and the quick stop ramp; without
-//! power it coasts, and its speed never rises.
+//! power, or on drives that roll on without commands, it coasts, and its speed never rises.
 
 use super::Verdict;
 use super::facts::Facts;
@@ -35,7 +35,8 @@ impl Rule {
             (self.permitted, self.speed_max) = (until, 0.0);
         }
         self.speed_max = self.speed_max.max(speed);
-        let ramp = Duration::from_secs_f64(self.speed_max / facts.limits.quick_stop);
+        let braking = facts.braking(now, self.permitted, self.speed_max);
+        let ramp = Duration::from_secs_f64(self.speed_max / braking);
         if now <= self.permitted + STOP_BEGIN_MAX {
             return Ok(());
         }

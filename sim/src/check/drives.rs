@@ -5,7 +5,7 @@
 //! later no wheel turns any more, by its last set-point and its own report, unless the body stands.
 
 use super::facts::{DELAY_MAX, Facts, QUEUE_AGE};
-use super::wire::Drive;
+use super::wire::{Drive, Heartbeat};
 use super::{Limits, Verdict};
 use base::{Duration, Instant};
 
@@ -15,9 +15,6 @@ const HEARTBEAT: Duration = Duration::from_millis(200);
 const STOP_MAX: Duration = Duration::from_millis(300);
 /// Speed below which the body counts as standing, m/s.
 const STANDSTILL_MPS: f64 = 0.02;
-/// NMT states in a heartbeat.
-const BOOT_UP: u8 = 0;
-const OPERATIONAL: u8 = 5;
 
 /// A drive without which the robot does not move.
 #[derive(Debug)]
@@ -45,20 +42,17 @@ impl Watched {
         }
     }
 
-    fn is_heartbeat(&self, id: u16) -> bool {
-        id == 0x700 + u16::from(self.drive.node)
-    }
-
     fn on_frame(&mut self, now: Instant, id: u16, data: &[u8], facts: &Facts) {
-        if self.is_heartbeat(id) {
+        if let Some(heartbeat) = self.drive.heartbeat(id, data) {
             self.heartbeat = now;
             self.heard = if facts.is_disturbed(now) { now + QUEUE_AGE } else { now };
-            match data.first() {
-                Some(&BOOT_UP) => self.reset = self.reset.or(Some(now)),
-                Some(&OPERATIONAL) => self.reset = None,
-                _ => {}
+            match heartbeat {
+                Heartbeat::Down => self.reset = self.reset.or(Some(now)),
+                Heartbeat::Operational => self.reset = None,
+                Heartbeat::Other => {}
             }
-        } else if let Some(status) = self.drive.reported(id, data) {
+        }
+        if let Some(status) = self.drive.reported(id, data) {
             // CiA 402-2, statusword: fault, fault reaction active.
             let is_fault = matches!(status & 0x4F, 0x08 | 0x0F);
             self.fault = if is_fault { self.fault.or(Some(now)) } else { None };
@@ -104,7 +98,7 @@ impl Rule {
     /// Processes a frame of a drive that no node received.
     pub fn on_frame_lost(&mut self, id: u16) {
         for drive in &mut self.watched {
-            if drive.is_heartbeat(id) || drive.drive.reports.iter().any(|place| place.id == id) {
+            if drive.drive.heartbeat_id() == id || drive.drive.reports.iter().any(|place| place.id == id) {
                 (drive.reset, drive.fault) = (None, None);
             }
         }
@@ -128,11 +122,22 @@ impl Rule {
             return Ok(());
         }
         match self.missing(facts.driver.ill(now)) {
-            Some((since, drive)) if now.since(since) > STOP_MAX + DELAY_MAX && facts.set_point.speed().is_some() => {
+            Some((since, drive)) if now.since(since) > STOP_MAX + DELAY_MAX && self.others_move(now, facts) => {
                 Err(format!("{speed:.3} m/s, {}, and not all wheels are commanded to stop", drive.why()))
             }
             _ => Ok(()),
         }
+    }
+
+    /// True if the last set-points move the robot; of drives that get no command while they are lost, those of the
+    /// others.
+    fn others_move(&self, now: Instant, facts: &Facts) -> bool {
+        if !facts.limits.repeats() {
+            return facts.set_point.speed().is_some();
+        }
+        let ill = facts.driver.ill(now);
+        let mut wheels = self.watched.iter().zip(&facts.wheels);
+        wheels.any(|(drive, set_point)| drive.missing(ill) > now && set_point.speed().is_some())
     }
 
     /// The drive that is missing longest.

@@ -3,9 +3,9 @@
 use super::believed::Believed;
 use super::life::Life;
 use super::names::Names;
-use super::pause_line::PauseLine;
+use super::pause_line::{By, PauseLine};
 use super::sources::{Asked, ROUNDING_MPS, Source, Sources};
-use super::wire::Wheel;
+use super::wire::{Drive, Wheel};
 use super::{Base, Limits};
 use crate::host::News;
 use base::can::{Frame, Id};
@@ -50,8 +50,8 @@ impl SetPoint {
     }
 
     fn read(frame: &Frame, wheel: &Wheel) -> Option<Self> {
-        let (controlword, target) = wheel.drive.commanded(frame.data())?;
-        let (moves, mps) = (controlword & 0x0F == 0x0F && target != 0, f64::from(target) / wheel.units_per_mps);
+        let command @ (controlword, target) = wheel.drive.commanded(frame.data())?;
+        let (moves, mps) = (Drive::moves(command), target / wheel.units_per_mps);
         Some(Self { controlword, moves, mps, is_stop: controlword == wheel.stop_word })
     }
 
@@ -206,6 +206,14 @@ impl Facts {
         now < self.rolls
     }
 
+    /// Deceleration, m/s², of a robot that has to stop from `speed` since the instant `since`: that of a quick stop, or
+    /// that of rolling if its drives roll without commands and may have missed commands about that time.
+    pub fn braking(&self, now: Instant, since: Instant, speed: f64) -> f64 {
+        let missed = self.driver.ill(now).max(self.disturbed.min(now));
+        let rolls = |coasting: &f64| missed + Duration::from_secs_f64(speed / coasting) >= since;
+        self.limits.coasting.filter(rolls).unwrap_or(self.limits.quick_stop)
+    }
+
     /// True if the propulsion may disobey its commands: by a fault, or because another master commands it.
     pub fn may_disobey(&self, now: Instant) -> bool {
         now < self.disobeys
@@ -231,9 +239,17 @@ impl Facts {
             Some(base) => {
                 let (since, fastest) = self.asked;
                 let slows = speed <= fastest + ROUNDING_MPS && now.since(since) <= base.ramp(self.limits.speed);
-                source.asks(now, slack, speed, f64::INFINITY) || slows && source.lives(now, slack)
+                let since = self.slack_of_command(now, source);
+                source.asks(now, since, speed, f64::INFINITY) || slows && source.lives(now, slack)
             }
         }
+    }
+
+    /// [`Self::slack`] of a command that another one of its source has superseded: a motor controller is sent its
+    /// set-point in each period, which may be that of the last step of the wheels.
+    fn slack_of_command(&self, now: Instant, source: &Source) -> Duration {
+        let slack = self.slack(now);
+        if self.limits.repeats() && source.lives(now, slack) { slack.max(STEP + DELAY_MAX) } else { slack }
     }
 
     /// True if a source was released since the last stop; the planner also needs an estimate.
@@ -270,6 +286,9 @@ impl Facts {
             News::Can { bus, frame, .. } if *bus == self.limits.bus && self.is_command(frame) => {
                 self.disobeys = self.disobeys.max(now + AFTERMATH_OF_COMMAND);
                 self.steering_ill = self.steering_ill.max(now + AFTERMATH_OF_COMMAND);
+                if self.limits.coasting.is_some() {
+                    self.rolls = self.rolls.max(now + COASTING_TIME);
+                }
             }
             News::Message { sender, message: Message::LlCmdPower(_) } if sender.pid() == self.driver.pid => {
                 self.rolls = self.rolls.max(now + COASTING_TIME);
@@ -289,7 +308,7 @@ impl Facts {
     pub fn believes(&self, sender: Sender, message: &Message) -> bool {
         let releases_its_own = |stop: &lowlevel::EventStop| {
             let commands = self.believed.may_command(sender, &self.limits);
-            !stop.engaged && commands && self.pause.is_engaged_by(sender.pid(), &stop.source)
+            !stop.engaged && commands && self.pause.is_engaged_by(By::Process(sender.pid()), &stop.source)
         };
         self.believed.believes(sender, message, &self.limits)
             || matches!(message, Message::LlEventStop(stop) if releases_its_own(stop))
@@ -342,7 +361,7 @@ impl Facts {
         } else if is_drive {
             let until = if until == Instant::NEVER { now } else { until };
             self.steering_ill = self.steering_ill.max(until + AFTERMATH_OF_COMMAND);
-        } else {
+        } else if !self.limits.is_lidar(target) {
             // A board: the power controller may switch the motors off for many reasons.
             let until = if until == Instant::NEVER { now } else { until };
             self.rolls = self.rolls.max(until + COASTING_TIME);
@@ -351,6 +370,12 @@ impl Facts {
 
     fn on_frame(&mut self, now: Instant, frame: &Frame) {
         let Id::Standard(id) = frame.id() else { return };
+        if let Some(number) = self.limits.disarmed(id, frame.data()) {
+            // Its last set-point moves nothing any more.
+            self.wheels[number] = SetPoint::default();
+            self.set_point = SetPoint::of(&self.wheels, self.wheels[number]);
+            return;
+        }
         let Some(number) = self.limits.wheel(id) else { return };
         let Some(of_wheel) = SetPoint::read(frame, &self.limits.wheels[number]) else { return };
         self.wheels[number] = of_wheel;
@@ -360,10 +385,8 @@ impl Facts {
             self.on_stop(now, was);
         } else if let Some(speed) = set_point.speed().filter(|_| of_wheel.speed().is_some()) {
             self.moved = now;
-            let slack = self.slack(now);
-            if self.limits.base.is_some()
-                && self.sources.iter().any(|source| source.asks(now, slack, speed, f64::INFINITY))
-            {
+            let asks = |source: &Source| source.asks(now, self.slack_of_command(now, source), speed, f64::INFINITY);
+            if self.limits.base.is_some() && self.sources.iter().any(asks) {
                 self.asked = (now, speed);
             }
         }
@@ -404,7 +427,9 @@ impl Facts {
         match message {
             Message::LlEventStop(stop) => {
                 let is_due = self.believed.reports_the_line(sender, &self.limits);
-                self.pause.on_report(now, at, sender.pid(), is_due, stop);
+                let is_modules = self.believed.reports_the_source(sender, &stop.source, &self.limits);
+                let by = if is_modules { By::Module } else { By::Process(sender.pid()) };
+                self.pause.on_report(now, at, by, is_due, stop);
             }
             Message::CmDataProcesses(list) => self.on_list(now, at, list),
             Message::MlCmdGoal(goal) if !goal.waypoints.is_empty() => self.goal = Some(now),

@@ -1,6 +1,7 @@
 //! The PAUSE line stops the robot (docs/design.md, section 4): no set-point leaves later than 20 ms after the driver
 //! was served that the line is engaged, and the body's speed never rises. If the robot has such a line, no set-point
-//! leaves before its first report, nor 1.2 s after its last one.
+//! leaves before its first report, nor 1.2 s after its last one; the same holds for a lidar's fields and an input of a
+//! module that stop the robot, within 0.5 s.
 
 use super::Verdict;
 use super::facts::Facts;
@@ -9,6 +10,8 @@ use base::{Duration, Instant};
 
 /// Maximum time from the report to the wire.
 const REACTION_MAX: Duration = Duration::from_millis(20);
+/// Timeout of the reports of a lidar's fields, and of an input, ten of which are sent in a second.
+const STOPS_TIMEOUT: Duration = Duration::from_millis(500);
 /// Speed change within a step of the body plus the rounding of the truth, m/s.
 const SPEED_TOLERANCE_MPS: f64 = 0.005;
 
@@ -16,6 +19,12 @@ const SPEED_TOLERANCE_MPS: f64 = 0.005;
 pub(super) fn on_set_point(now: Instant, speed: f64, facts: &Facts) -> Verdict {
     let slack = facts.slack(now);
     let line = facts.limits.power.is_some();
+    let is_late = |at| now.since(at) > STOPS_TIMEOUT + REACTION_MAX.max(slack);
+    let mut unknown = facts.limits.stops.iter().filter(|stop| facts.pause.known(&stop.source).is_none_or(is_late));
+    if let Some(stop) = unknown.next() {
+        let at = facts.pause.known(&stop.source);
+        return Err(format!("{speed:.3} m/s, and the last report of {} is of {at:?}", stop.source));
+    }
     match facts.pause.state() {
         Pause::Engaged(since) if now.since(since) > REACTION_MAX.max(slack) => {
             Err(format!("{speed:.3} m/s, and PAUSE is known since {since:?}"))

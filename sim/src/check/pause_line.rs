@@ -2,6 +2,7 @@
 //!
 //! The power controller reports for the sources on its line, by their names in the contract or none; others report for
 //! themselves, whatever name they give, each for what it engaged, and an operator's RUN overrules one that fell silent.
+//! The module of a lidar's fields, or of an input, reports for it in each of its processes, and nobody overrules it.
 
 use base::{Duration, Instant};
 use messages::{StopSource, lowlevel};
@@ -26,12 +27,20 @@ impl Pause {
     }
 }
 
+/// Who reports a source beside the power controller.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum By {
+    /// A process of the module that is due to.
+    Module,
+    /// Another process, where it is known.
+    Process(Option<u32>),
+}
+
 /// A source beside the power controller that engages the line.
 #[derive(Debug)]
 struct Other {
     name: Box<str>,
-    /// Its process, where it is known.
-    pid: Option<u32>,
+    by: By,
     since: Instant,
     /// Reception time of its last report.
     heard: Instant,
@@ -43,6 +52,8 @@ pub(super) struct PauseLine {
     controller: Pause,
     heard: Instant,
     others: Vec<Other>,
+    /// Sources that their module has reported, and reception times of its last reports.
+    known: Vec<(Box<str>, Instant)>,
 }
 
 impl PauseLine {
@@ -63,24 +74,33 @@ impl PauseLine {
         self.heard
     }
 
-    /// True if this process has engaged PAUSE as that source, beside the power controller, and not released it.
-    pub fn is_engaged_by(&self, pid: Option<u32>, source: &str) -> bool {
-        self.others.iter().any(|other| other.pid == pid && *other.name == *source)
+    /// Reception time of the last report of this source by its module.
+    pub fn known(&self, source: &str) -> Option<Instant> {
+        self.known.iter().find(|(name, _)| **name == *source).map(|(_, at)| *at)
     }
 
-    /// The driver is served a report that was received at `at` from the process `pid`, if it is known; `is_due`: of the
-    /// power controller, or of a robot without one.
-    pub fn on_report(&mut self, now: Instant, at: Instant, pid: Option<u32>, is_due: bool, stop: &lowlevel::EventStop) {
+    /// True if this sender has engaged PAUSE as that source, beside the power controller, and not released it.
+    pub fn is_engaged_by(&self, by: By, source: &str) -> bool {
+        self.others.iter().any(|other| other.by == by && *other.name == *source)
+    }
+
+    /// The driver is served a report that was received at `at` from this sender; `is_due`: of the power controller, or
+    /// of a robot without one.
+    pub fn on_report(&mut self, now: Instant, at: Instant, by: By, is_due: bool, stop: &lowlevel::EventStop) {
         if is_due && (StopSource::from_name(&stop.source) != StopSource::Unknown || stop.source.is_empty()) {
             let since = self.controller.engaged().unwrap_or(now);
             self.controller = if stop.engaged { Pause::Engaged(since) } else { Pause::Open };
             self.heard = at;
             return;
         }
-        let known = self.others.iter().position(|other| other.pid == pid && *other.name == *stop.source);
+        if by == By::Module {
+            self.known.retain(|(name, _)| **name != *stop.source);
+            self.known.push((stop.source.as_str().into(), at));
+        }
+        let known = self.others.iter().position(|other| other.by == by && *other.name == *stop.source);
         match (stop.engaged, known) {
             (true, Some(place)) => self.others[place].heard = at,
-            (true, None) => self.others.push(Other { name: stop.source.as_str().into(), pid, since: now, heard: at }),
+            (true, None) => self.others.push(Other { name: stop.source.as_str().into(), by, since: now, heard: at }),
             (false, Some(place)) => drop(self.others.remove(place)),
             (false, None) => {}
         }
@@ -91,6 +111,6 @@ impl PauseLine {
         if !has_controller && now.since(self.heard) >= PAUSE_TIMEOUT {
             self.controller = Pause::Open;
         }
-        self.others.retain(|other| now.since(other.heard) < PAUSE_TIMEOUT);
+        self.others.retain(|other| other.by == By::Module || now.since(other.heard) < PAUSE_TIMEOUT);
     }
 }

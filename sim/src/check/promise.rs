@@ -22,9 +22,9 @@ use simulator::people::{Contact, Mover};
 use std::collections::VecDeque;
 
 /// Speed of the robot along the normal above which a contact counts, m/s (docs/navigation.md).
-const CONTACT_MPS: f64 = 0.05;
+pub(super) const CONTACT_MPS: f64 = 0.05;
 /// Speed below which a person counts as standing, m/s.
-const STANDS_MPS: f64 = 0.1;
+pub(super) const STANDS_MPS: f64 = 0.1;
 /// From the middle of a person to the leg that answers, m.
 const LEG_M: f64 = 0.15;
 /// Accuracy of a distance, m: age of the answer at the greatest speed, legs at a stride, the true pose.
@@ -156,12 +156,20 @@ impl Answer {
 
 /// End of the last disturbance on the way from the sonars to the wheels; `now` while one lasts.
 fn disturbed(now: Instant, facts: &Facts) -> Instant {
+    let boards = facts.limits.ranging.iter().map(|board| ill(&board.module, now, facts));
+    boards.chain([undisturbed_since(now, facts)]).max().unwrap_or(now)
+}
+
+/// End of the last disturbance on the way from the guard to the wheels; `now` while one lasts.
+pub(super) fn undisturbed_since(now: Instant, facts: &Facts) -> Instant {
     if facts.may_roll(now) || facts.is_cut_off(now) || facts.was_disturbed(now) {
         return now;
     }
-    let ill = |module: &str| facts.life(module).map_or(now, |life| life.ill(now));
-    let boards = facts.limits.ranging.iter().map(|board| ill(&board.module));
-    let guard = facts.limits.guard.as_ref().map_or(now, |guard| ill(&guard.module));
-    let others = [guard, facts.driver.ill(now), facts.lcm_disturbed(now).unwrap_or_default()];
-    boards.chain(others).max().unwrap_or(now)
+    let guard = facts.limits.guard.as_ref().map_or(now, |guard| ill(&guard.module, now, facts));
+    guard.max(facts.driver.ill(now)).max(facts.lcm_disturbed(now).unwrap_or_default())
+}
+
+/// Instant at which a module was last dead, hung or late; `now` while it is, or is unknown.
+fn ill(module: &str, now: Instant, facts: &Facts) -> Instant {
+    facts.life(module).map_or(now, |life| life.ill(now))
 }

@@ -1,5 +1,5 @@
-//! Another CANopen master stops the robot (docs/design.md, section 4): no set-point of the driver once somebody else
-//! has sent an NMT command, SYNC, an RPDO or an SDO request to the drives.
+//! Another master stops the robot (docs/design.md, section 4): no set-point of the driver once somebody else has
+//! sent an NMT command, SYNC, an RPDO or an SDO request to the drives, or to an ODrive what changes something.
 //!
 //! Counted from the first of such frames on an undisturbed bus, while the driver works.
 
@@ -45,12 +45,6 @@ impl Facts {
     /// True for a frame by which a master commands the drives.
     pub fn is_command(&self, frame: &Frame) -> bool {
         let Id::Standard(id) = frame.id() else { return false };
-        let is_ours = |node: u16| self.limits.drives().any(|(_, drive)| u16::from(drive.node) == node);
-        match (id & 0x780, id & 0x7F, frame.data()) {
-            (0, 0, &[_, node]) => node == 0 || is_ours(node.into()),
-            (0x80, 0, _) => true,
-            (0x200 | 0x300 | 0x400 | 0x500 | 0x600, node, _) => is_ours(node),
-            _ => false,
-        }
+        self.limits.drives().any(|(_, drive)| drive.is_command(id, frame.data()))
     }
 }

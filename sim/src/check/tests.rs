@@ -11,6 +11,7 @@ use std::collections::BTreeMap;
 
 mod bounded;
 mod others;
+mod sight;
 mod stopping;
 mod wheels;
 
@@ -20,7 +21,13 @@ const DRIVER: u32 = 3;
 /// Controlword and target in this RPDO, the statusword first in these TPDOs.
 fn drive(node: u8, command: u16, reports: &[u16]) -> wire::Drive {
     let first = |id| wire::Place { id, at: 0 };
-    wire::Drive { node, command: first(command), target: 2, reports: reports.iter().copied().map(first).collect() }
+    wire::Drive {
+        protocol: wire::Protocol::Canopen,
+        node,
+        command: first(command),
+        target: 2,
+        reports: reports.iter().copied().map(first).collect(),
+    }
 }
 
 fn limits() -> Limits {
@@ -30,6 +37,7 @@ fn limits() -> Limits {
         planner: "planner".into(),
         critical: vec!["power".into(), "driver".into()],
         power: Some("power".into()),
+        stops: Vec::new(),
         estimator: None,
         commands: Commands::Host,
         bus: "can".into(),
@@ -51,6 +59,7 @@ fn limits() -> Limits {
         speed_manual: 0.6,
         speed_autonomous: 0.8,
         quick_stop: 1.5,
+        coasting: None,
         ttl: Duration::from_millis(250),
         ranging: [("front", 0x10), ("rear", 0x11)]
             .map(|(name, address)| RangingBoard {
@@ -67,6 +76,7 @@ fn limits() -> Limits {
         homing_at_start: false,
         guard: Some(Guarded { module: "guard".into(), creep_mps: 0.15 }),
         promise: Some(Promise { reaction_s: 0.37, braking_mps2: 0.8, beam_rad: 0.96 }),
+        sight: None,
         restart_max: Duration::from_secs(2),
     }
 }

@@ -9,18 +9,75 @@ pub struct Place {
     pub at: usize,
 }
 
+/// Protocol by which a drive is commanded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Protocol {
+    /// CANopen with CiA 402: controlword and statusword in PDOs, the target a signed integer.
+    Canopen,
+    /// CAN Simple of an ODrive: the set-point is a velocity, a float; the heartbeat has its state.
+    CanSimple {
+        /// Endpoint of `axis0.config.enable_watchdog`: what another master writes to take its stop away.
+        enable_watchdog: u16,
+    },
+}
+
+/// What a heartbeat reports.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Heartbeat {
+    /// It has restarted, or was disarmed: it is not driven before it is started again.
+    Down,
+    /// It is started.
+    Operational,
+    /// Another state.
+    Other,
+}
+
 /// A drive.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Drive {
-    /// Node id.
+    /// Protocol by which it is commanded.
+    pub protocol: Protocol,
+    /// Node id; of CAN Simple the upper six bits of its identifiers.
     pub node: u8,
-    /// The controlword in its RPDO.
+    /// The controlword in its RPDO; of CAN Simple the set-point of the velocity.
     pub command: Place,
-    /// Bytes before the target in that RPDO, 32 bits.
+    /// Bytes before the target in that frame, 32 bits.
     pub target: usize,
-    /// The statusword in each TPDO that has it.
+    /// The statusword in each TPDO that has it; of CAN Simple the heartbeat.
     pub reports: Vec<Place>,
 }
+
+/// CAN Simple (ODrive documentation, "CAN Protocol"): messages by the lowest five bits of an identifier.
+mod can_simple {
+    pub const HEARTBEAT: u16 = 0x01;
+    pub const ESTOP: u16 = 0x02;
+    pub const RX_SDO: u16 = 0x04;
+    pub const SET_AXIS_STATE: u16 = 0x07;
+    pub const SET_CONTROLLER_MODE: u16 = 0x0B;
+    pub const SET_INPUT_VEL: u16 = 0x0D;
+    pub const SET_INPUT_TORQUE: u16 = 0x0E;
+    pub const CLEAR_ERRORS: u16 = 0x18;
+    /// Operation of an RxSdo that changes a parameter.
+    pub const WRITE: u8 = 1;
+    /// States of an axis: IDLE, CLOSED_LOOP_CONTROL.
+    pub const IDLE: u8 = 1;
+    pub const CLOSED_LOOP: u8 = 8;
+}
+
+/// Velocity of the motor below which a set-point of CAN Simple is 0, turns/s: 1 rpm, the least that the CANopen drives
+/// here can be commanded. A ramp in floating point ends with less.
+const STANDS_TURNS_PER_S: f64 = 1.0 / 60.0;
+/// Low byte of a controlword that drives (CiA 402-2: operation enabled).
+const DRIVE: u8 = 0x0F;
+/// Statuswords (CiA 402-2): operation enabled; fault; switch on disabled.
+const OPERATION_ENABLED: u16 = 0x27;
+const FAULT: u16 = 0x08;
+const SWITCH_ON_DISABLED: u16 = 0x40;
+/// NMT states in a heartbeat (CiA 301).
+const BOOT_UP: u8 = 0;
+const OPERATIONAL: u8 = 5;
+/// Ramp of the quick stop that a foreign SDO request sets, rpm/s: two metres and more to a stand.
+const RAMP_RPM_PER_S: u8 = 60;
 
 /// A driven wheel, or the driven axle.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,28 +93,157 @@ pub struct Wheel {
 }
 
 impl Drive {
-    /// Low byte of the controlword, and the target, of the data of its RPDO; `None`: too short.
+    /// An ODrive with this node id by CAN Simple; `enable_watchdog` is an endpoint of its firmware.
     #[must_use]
-    pub fn commanded(&self, data: &[u8]) -> Option<(u8, i32)> {
-        let target = data.get(self.target..)?.first_chunk()?;
-        Some((*data.get(self.command.at)?, i32::from_le_bytes(*target)))
+    pub fn can_simple(node: u8, enable_watchdog: u16) -> Self {
+        let place = |message| Place { id: u16::from(node) << 5 | message, at: 0 };
+        Self {
+            protocol: Protocol::CanSimple { enable_watchdog },
+            node,
+            command: place(can_simple::SET_INPUT_VEL),
+            target: 0,
+            reports: vec![place(can_simple::HEARTBEAT)],
+        }
     }
 
-    /// Data of its RPDO with this low byte of the controlword and this target; the rest is 0.
+    /// Low byte of the controlword, and the target in units of the drive, of the data of its command; `None`: too
+    /// short, or no number. A set-point of CAN Simple always drives, also at 0: it has no command that only stops.
     #[must_use]
-    pub fn command(&self, controlword: u8, target: i32) -> Vec<u8> {
-        let mut data = vec![0; (self.target + 4).max(self.command.at + 2)];
-        data[self.command.at] = controlword;
-        data[self.target..self.target + 4].copy_from_slice(&target.to_le_bytes());
-        data
+    pub fn commanded(&self, data: &[u8]) -> Option<(u8, f64)> {
+        let target = *data.get(self.target..)?.first_chunk()?;
+        match self.protocol {
+            Protocol::Canopen => Some((*data.get(self.command.at)?, f64::from(i32::from_le_bytes(target)))),
+            Protocol::CanSimple { .. } => {
+                let target = f64::from(f32::from_le_bytes(target));
+                let turns = if target.abs() < STANDS_TURNS_PER_S { 0.0 } else { target };
+                Some((DRIVE, turns)).filter(|_| target.is_finite())
+            }
+        }
     }
 
-    /// Statusword in a frame; `None`: it has none.
+    /// True if this command moves the drive.
+    #[must_use]
+    pub fn moves((controlword, target): (u8, f64)) -> bool {
+        controlword & DRIVE == DRIVE && target != 0.0
+    }
+
+    /// Data of its command that drives it at this target, in units of the drive; the rest is 0.
+    #[must_use]
+    pub fn command(&self, target: f64) -> Vec<u8> {
+        match self.protocol {
+            Protocol::Canopen => {
+                let mut data = vec![0; (self.target + 4).max(self.command.at + 2)];
+                data[self.command.at] = DRIVE;
+                data[self.target..self.target + 4].copy_from_slice(&(target as i32).to_le_bytes());
+                data
+            }
+            Protocol::CanSimple { .. } => [(target as f32).to_le_bytes(), [0; 4]].concat(),
+        }
+    }
+
+    /// Statusword in a frame; `None`: it has none. For CAN Simple, the statusword of CiA 402 that corresponds to the
+    /// errors and the state in the heartbeat.
     #[must_use]
     pub fn reported(&self, id: u16, data: &[u8]) -> Option<u16> {
         let place = self.reports.iter().find(|place| place.id == id)?;
-        Some(u16::from_le_bytes(*data.get(place.at..)?.first_chunk()?))
+        match self.protocol {
+            Protocol::Canopen => Some(u16::from_le_bytes(*data.get(place.at..)?.first_chunk()?)),
+            Protocol::CanSimple { .. } => {
+                let (errors, state) = axis_state(data)?;
+                Some(match state {
+                    _ if errors => FAULT,
+                    can_simple::CLOSED_LOOP => OPERATION_ENABLED,
+                    _ => SWITCH_ON_DISABLED,
+                })
+            }
+        }
     }
+
+    /// What a frame reports if it is the heartbeat of this drive, otherwise `None`.
+    #[must_use]
+    pub fn heartbeat(&self, id: u16, data: &[u8]) -> Option<Heartbeat> {
+        if id != self.heartbeat_id() {
+            return None;
+        }
+        Some(match self.protocol {
+            Protocol::Canopen => match data.first() {
+                Some(&BOOT_UP) => Heartbeat::Down,
+                Some(&OPERATIONAL) => Heartbeat::Operational,
+                _ => Heartbeat::Other,
+            },
+            Protocol::CanSimple { .. } => match axis_state(data) {
+                Some((_, can_simple::IDLE)) => Heartbeat::Down,
+                Some((false, can_simple::CLOSED_LOOP)) => Heartbeat::Operational,
+                _ => Heartbeat::Other,
+            },
+        })
+    }
+
+    /// Identifier of its heartbeat.
+    #[must_use]
+    pub fn heartbeat_id(&self) -> u16 {
+        match self.protocol {
+            Protocol::Canopen => 0x700 + u16::from(self.node),
+            Protocol::CanSimple { .. } => u16::from(self.node) << 5 | can_simple::HEARTBEAT,
+        }
+    }
+
+    /// True for a frame by which a master commands this drive: of CANopen an NMT command, SYNC, an RPDO or an SDO
+    /// request; of CAN Simple a message that changes something.
+    #[must_use]
+    pub fn is_command(&self, id: u16, data: &[u8]) -> bool {
+        let node = u16::from(self.node);
+        match self.protocol {
+            Protocol::Canopen => match (id & 0x780, id & 0x7F, data) {
+                (0, 0, &[_, to]) => to == 0 || to == self.node,
+                (0x80, 0, _) => true,
+                (0x200 | 0x300 | 0x400 | 0x500 | 0x600, to, _) => to == node,
+                _ => false,
+            },
+            Protocol::CanSimple { .. } if id >> 5 != node => false,
+            Protocol::CanSimple { .. } => match id & 0x1F {
+                can_simple::RX_SDO => data.first() == Some(&can_simple::WRITE),
+                can_simple::ESTOP
+                | can_simple::SET_AXIS_STATE
+                | can_simple::SET_CONTROLLER_MODE
+                | can_simple::SET_INPUT_VEL
+                | can_simple::SET_INPUT_TORQUE
+                | can_simple::CLEAR_ERRORS => true,
+                _ => false,
+            },
+        }
+    }
+
+    /// The frame by which another master takes this drive out of operation: identifier and data.
+    #[must_use]
+    pub fn foreign_stop(&self) -> (u16, Vec<u8>) {
+        match self.protocol {
+            // CiA 301, 7.2.8.2.1.2: stop remote node.
+            Protocol::Canopen => (0, vec![0x02, self.node]),
+            Protocol::CanSimple { .. } => {
+                (u16::from(self.node) << 5 | can_simple::SET_AXIS_STATE, vec![can_simple::IDLE, 0, 0, 0, 0, 0, 0, 0])
+            }
+        }
+    }
+
+    /// The frame by which another master takes the stop of this drive away: identifier and data.
+    #[must_use]
+    pub fn foreign_parameter(&self) -> (u16, Vec<u8>) {
+        match self.protocol {
+            // CiA 301, 7.2.4.3.3: expedited download of four bytes to 0x6085, the quick stop's deceleration.
+            Protocol::Canopen => (0x600 + u16::from(self.node), vec![0x23, 0x85, 0x60, 0, RAMP_RPM_PER_S, 0, 0, 0]),
+            Protocol::CanSimple { enable_watchdog } => {
+                let [low, high] = enable_watchdog.to_le_bytes();
+                (u16::from(self.node) << 5 | can_simple::RX_SDO, vec![can_simple::WRITE, low, high, 0, 0])
+            }
+        }
+    }
+}
+
+/// Errors and state of an axis in the heartbeat of CAN Simple.
+fn axis_state(data: &[u8]) -> Option<(bool, u8)> {
+    let (errors, rest) = data.split_first_chunk::<4>()?;
+    Some((*errors != [0; 4], *rest.first()?))
 }
 
 #[cfg(test)]
@@ -68,15 +254,67 @@ mod tests {
     fn values_are_read_where_the_mapping_has_them() {
         // Target first; the statusword behind a position.
         let drive = Drive {
+            protocol: Protocol::Canopen,
             node: 1,
             command: Place { id: 0x201, at: 4 },
             target: 0,
             reports: vec![Place { id: 0x181, at: 0 }, Place { id: 0x281, at: 4 }],
         };
-        let data = drive.command(0x0F, -1000);
+        let data = drive.command(-1000.0);
         assert_eq!(data, [0x18, 0xFC, 0xFF, 0xFF, 0x0F, 0]);
-        assert_eq!((drive.commanded(&data), drive.commanded(&data[..4])), (Some((0x0F, -1000)), None));
+        assert_eq!((drive.commanded(&data), drive.commanded(&data[..4])), (Some((0x0F, -1000.0)), None));
         assert_eq!(drive.reported(0x281, &[1, 2, 3, 4, 0x37, 0x92]), Some(0x9237));
         assert_eq!((drive.reported(0x281, &[1, 2, 3, 4, 0x37]), drive.reported(0x381, &data)), (None, None));
+    }
+
+    #[test]
+    fn an_odrive_is_read_as_a_drive_of_cia_402() {
+        // Node 3: 0x061 is the heartbeat, 0x06D Set_Input_Vel.
+        let drive = Drive::can_simple(3, 0x0123);
+        assert_eq!((drive.command.id, drive.heartbeat_id()), (0x06D, 0x061));
+        let data = drive.command(-2.5);
+        assert_eq!(data, [0, 0, 0x20, 0xC0, 0, 0, 0, 0]);
+        assert_eq!(drive.commanded(&data), Some((0x0F, -2.5)));
+        assert!(Drive::moves((0x0F, -2.5)) && !Drive::moves((0x0F, 0.0)) && !Drive::moves((0x0B, 1.0)));
+        assert_eq!(drive.commanded(&1e-9_f32.to_le_bytes()), Some((0x0F, 0.0)));
+        assert_eq!((drive.commanded(&f32::NAN.to_le_bytes()), drive.commanded(&data[..3])), (None, None));
+        for (data, statusword, heartbeat) in [
+            ([0, 0, 0, 0, 8, 0, 0, 0], Some(0x27), Heartbeat::Operational),
+            ([0, 0, 0, 0, 1, 0, 0, 0], Some(0x40), Heartbeat::Down),
+            ([0, 0, 0, 1, 1, 0, 0, 0], Some(0x08), Heartbeat::Down),
+            ([0, 0, 0, 1, 8, 0, 0, 0], Some(0x08), Heartbeat::Other),
+        ] {
+            assert_eq!((drive.reported(0x061, &data), drive.heartbeat(0x061, &data)), (statusword, Some(heartbeat)));
+            assert_eq!((drive.reported(0x041, &data), drive.heartbeat(0x041, &data)), (None, None));
+        }
+        assert_eq!((drive.reported(0x061, &[0; 4]), drive.heartbeat(0x061, &[])), (None, Some(Heartbeat::Other)));
+    }
+
+    #[test]
+    fn a_command_of_a_master_is_one_that_changes_something() {
+        let odrive = Drive::can_simple(3, 0x0123);
+        let canopen = Drive { protocol: Protocol::Canopen, node: 1, ..odrive.clone() };
+        for (drive, id, data, expected) in [
+            (&odrive, 0x06D, &[0; 8][..], true),
+            (&odrive, 0x067, &[1, 0, 0, 0], true),
+            (&odrive, 0x064, &[1, 0x23, 1, 0, 0], true),
+            (&odrive, 0x064, &[0, 0x23, 1, 0], false),
+            (&odrive, 0x077, &[], false),
+            (&odrive, 0x04D, &[0; 8], false),
+            (&odrive, 0, &[2, 3], false),
+            (&canopen, 0, &[2, 1], true),
+            (&canopen, 0, &[2, 2], false),
+            (&canopen, 0x80, &[], true),
+            (&canopen, 0x601, &[0; 8], true),
+            (&canopen, 0x602, &[0; 8], false),
+            (&canopen, 0x181, &[0; 2], false),
+        ] {
+            assert_eq!(drive.is_command(id, data), expected, "{id:#x} {data:?}");
+        }
+        for drive in [&odrive, &canopen] {
+            for (id, data) in [drive.foreign_stop(), drive.foreign_parameter()] {
+                assert!(drive.is_command(id, &data), "{id:#x} {data:?}");
+            }
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::operator;
 use super::tally::{Contacts, Driven, Goals, Shares};
-use crate::check::wire::Wheel;
+use crate::check::wire::{Drive, Wheel};
 use crate::check::{Limits, Times};
 use crate::host::News;
 use base::can::{Frame, Id};
@@ -190,7 +190,7 @@ impl Meter {
         let Some(number) = self.limits.wheels.iter().position(is_command) else { return };
         let commanded = self.limits.wheels[number].drive.commanded(frame.data());
         let moved = self.moves.contains(&true);
-        self.moves[number] = commanded.is_some_and(|(controlword, target)| controlword & 0x0F == 0x0F && target != 0);
+        self.moves[number] = commanded.is_some_and(Drive::moves);
         let stops = moved && !self.moves.contains(&true);
         if !stops {
             return;

@@ -25,8 +25,6 @@ const MANUAL: [(&str, i8); 3] = [
     ("gamepad", lowlevel::CmdMotion::GAMEPAD),
     ("maintenance", lowlevel::CmdMotion::MAINTENANCE),
 ];
-/// Ramp of the quick stop that a foreign SDO request sets, rpm/s: two metres and more to a stand.
-const RAMP_RPM_PER_S: u8 = 60;
 
 /// Sends the messages of a rival; false if the fault is not of this kind. `drive`: the target commands `value` m/s with
 /// the priority of its name, by default the planner's. `plan`: the same with a goal and an estimate, which a robot with
@@ -138,17 +136,16 @@ fn foreign_messages(machine: &Virtual, fault: &Fault, first: bool) -> Vec<Messag
 fn foreign_frame(fault: &Fault, limits: &Limits) -> Option<Frame> {
     let wheel = limits.wheels.iter().find(|wheel| wheel.name == fault.target);
     let steering = limits.steering.as_ref().filter(|_| fault.target == "steering");
-    let node = wheel.map(|wheel| &wheel.drive).or(steering)?.node;
+    let of = wheel.map(|wheel| &wheel.drive).or(steering)?;
     match (fault.fault.as_str(), wheel) {
         ("foreign_pdo", Some(Wheel { drive, units_per_mps, .. })) => {
-            let target = (fault.value * units_per_mps) as i32;
-            Some(Frame::standard(drive.command.id, &drive.command(0x0F, target)))
+            Some(Frame::standard(drive.command.id, &drive.command(fault.value * units_per_mps)))
         }
         // A frame that the steering does not receive.
-        ("foreign_pdo", None) => Some(Frame::standard(0x500 + u16::from(node), &[0x0F, 0, 0, 0, 0, 0])),
-        // CiA 301, 7.2.8.2.1.2: stop remote node.
-        ("foreign_nmt", _) => Some(Frame::standard(0, &[0x02, node])),
-        // CiA 301, 7.2.4.3.3: expedited download of four bytes to 0x6085, the quick stop's deceleration.
-        _ => Some(Frame::standard(0x600 + u16::from(node), &[0x23, 0x85, 0x60, 0, RAMP_RPM_PER_S, 0, 0, 0])),
+        ("foreign_pdo", None) => Some(Frame::standard(0x500 + u16::from(of.node), &[0x0F, 0, 0, 0, 0, 0])),
+        (fault, _) => {
+            let (id, data) = if fault == "foreign_nmt" { of.foreign_stop() } else { of.foreign_parameter() };
+            Some(Frame::standard(id, &data))
+        }
     }
 }

@@ -114,6 +114,8 @@ settings! {
         seed: u64 = required, 0..=u64::MAX;
         /// The number of the episode.
         episode: u64 = required, 0..=u64::MAX;
+        /// The robot: a folder in conf.
+        config: String = "advee";
         /// The world.
         world: String = "hall";
         /// With the visitors of the world; the first failures are from before there were any.

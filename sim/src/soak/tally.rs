@@ -1,5 +1,6 @@
 //! What the report of a soak counts: contacts by who moved into whom, goals, and who drove.
 
+use crate::check::Hits;
 use messages::middlelevel::DataGoal;
 use messages::{Message, lowlevel, simulation};
 use simulator::people::{Contact, Mover};
@@ -13,6 +14,11 @@ pub struct Contacts {
     pub robot_into_person: Touches,
     /// A person, into the robot.
     pub person_into_robot: Touches,
+    /// Those of the robot at more than 0.05 m/s with what was in sight of a lidar for the time that it takes to stop.
+    /// Counted only with a guard that uses lidars.
+    pub in_sight: Touches,
+    /// All others of the robot at such a speed: with what came out of hiding, or was never in sight.
+    pub out_of_hiding: Touches,
 }
 
 /// Contacts of one kind.
@@ -39,6 +45,14 @@ impl Contacts {
         self.robot_into_wall.add(other.robot_into_wall);
         self.robot_into_person.add(other.robot_into_person);
         self.person_into_robot.add(other.person_into_robot);
+        self.in_sight.add(other.in_sight);
+        self.out_of_hiding.add(other.out_of_hiding);
+    }
+}
+
+impl From<Hits> for Touches {
+    fn from(Hits { count, fastest_mps }: Hits) -> Self {
+        Self { count, fastest_mps }
     }
 }
 

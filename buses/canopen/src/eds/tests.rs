@@ -297,6 +297,116 @@ fn encodings_line_ends_and_marks_of_old_editors_do_not_matter() {
     }
 }
 
+/// Variants of each file.
+const VARIANTS: u64 = 1000;
+
+/// Changes a file as a broken editor, a broken transfer or somebody with bad intent does.
+fn vary(random: &mut testing::Random, file: &[u8]) -> Vec<u8> {
+    /// Values and lines that a parser may not expect.
+    const ODD: [&str; 14] = [
+        "",
+        "0xFFFFFFFF",
+        "-1",
+        "99999999999999999999",
+        "$NODEID+0xFFFFFFFF",
+        "0x-80000000",
+        "1e9",
+        "NaN",
+        "\0",
+        "0x",
+        "254",
+        "[",
+        "[1A00sub0]",
+        "CompactSubObj=254",
+    ];
+    let mut lines: Vec<Vec<u8>> = file.split(|byte| *byte == b'\n').map(<[u8]>::to_vec).collect();
+    for _ in 0..=random.index(12) {
+        let (at, other) = (random.index(lines.len()), random.index(lines.len()));
+        let odd = ODD[random.index(ODD.len())].as_bytes();
+        match random.index(8) {
+            0 => drop(lines.remove(at)),
+            1 => lines.insert(at, lines[other].clone()),
+            2 => lines.swap(at, other),
+            3 => lines.insert(at, odd.to_vec()),
+            4 => {
+                let len = random.index(40);
+                lines[at] = random.bytes(len);
+            }
+            5 => lines.truncate(at.max(1)),
+            6 if !lines[at].is_empty() => {
+                let byte = random.index(lines[at].len());
+                lines[at][byte] ^= 1 << random.index(8);
+            }
+            _ => {
+                if let Some(equals) = lines[at].iter().position(|byte| *byte == b'=') {
+                    lines[at].truncate(equals + 1);
+                    lines[at].extend_from_slice(odd);
+                }
+            }
+        }
+        if lines.is_empty() {
+            lines.push(Vec::new());
+        }
+    }
+    lines.join(&b'\n')
+}
+
+/// All that a data sheet is used for: the objects, the configuration of a DCF, and the tables of a drive in both modes.
+/// True if a drive is made of it.
+fn use_it(file: &[u8]) -> bool {
+    use crate::axis::modes::Mode;
+    use crate::drives::derive::{Description, Limits, Quirks, VelocityUnit, derive};
+    let Ok(eds) = Eds::parse(file) else { return false };
+    assert!(eds.objects().len() <= MAX_OBJECTS && eds.warnings().len() <= MAX_WARNINGS);
+    let dictionary = eds.dictionary(5);
+    for object in eds.objects() {
+        let _ = dictionary.read(object.index, object.sub);
+    }
+    let _ = eds.configuration(5);
+    [Mode::ProfileVelocity, Mode::ProfilePosition].map(|mode| {
+        let description = Description {
+            mode,
+            per_turn: 0.5,
+            gear: Some(20.0),
+            counts_per_turn: Some(4096),
+            velocity_unit: Some(VelocityUnit::Rpm),
+            limits: Limits { velocity: 1.0, acceleration: 1.0, deceleration: 1.0, quick_stop: 2.0 },
+            range: (mode == Mode::ProfilePosition).then_some([-100.0, 100.0]),
+            homing: None,
+            sync: None,
+            master: 127,
+            second_way: true,
+            quirks: Quirks::default(),
+        };
+        derive(&eds, 5, &description).is_ok()
+    }) != [false; 2]
+}
+
+#[test]
+fn a_thousand_broken_variants_of_each_file_are_refused_or_used() {
+    let files = [
+        file!("epos_sim.eds"),
+        file!("icla_sim.eds"),
+        file!("others/canopennode_DS301_profile.eds"),
+        file!("others/canopennode_demoDevice.eds"),
+        file!("others/lely_co_nmt_slave.dcf"),
+        file!("others/lely_coapp_fiber_master.dcf"),
+        file!("others/maxon_epos4_50_15_node1.dcf"),
+        file!("others/python_canopen_datatypes.eds"),
+        file!("others/python_canopen_sample.eds"),
+        file!("others/ros2_cia402_slave.eds"),
+    ];
+    let (mut drives, mut none) = (0, 0);
+    for (number, (_, file)) in (0..).zip(files) {
+        for seed in 0..VARIANTS {
+            let variant = vary(&mut testing::Random::new(number * VARIANTS + seed + 1), file);
+            *(if use_it(&variant) { &mut drives } else { &mut none }) += 1;
+        }
+    }
+    // Variants that nothing was made of, or everything, would prove little.
+    assert!(drives > 500 && none > 500, "{drives} drives, {none} others");
+}
+
 #[test]
 fn size_names_objects_and_warnings_are_bounded() {
     assert_eq!(Eds::parse(&[b' '; MAX_FILE + 1]).unwrap_err().text, "longer than 4 MiB");

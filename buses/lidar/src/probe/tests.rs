@@ -99,6 +99,7 @@ fn devices_say_model_firmware_serial_number_and_health() {
         let found = identity(Kind::Cola(dialect), &mut device).unwrap();
         assert_eq!([&found.model, &found.firmware].map(|text| words(text)), ["TiM551-2050001", "V2.46-18.12.13"]);
         assert_eq!((found.state, found.contamination, found.health), (Some(1), contamination, Some(Health::Good)));
+        assert_eq!((words(&found.serial).as_str(), found.rate_hz), ("18520122", Some(15.0)));
     }
     let found = identity(Kind::Scip, &mut hokuyo::emulated::Device::new(hokuyo::emulated::Model::URG_04LX)).unwrap();
     assert_eq!(

@@ -17,6 +17,8 @@ use core::f64::consts::{FRAC_PI_2, TAU};
 /// Corners of a field, m: forward from the device's front, and to the left.
 pub type Field = Vec<[f32; 2]>;
 
+/// Its serial number.
+const SERIAL: &str = "18520122";
 /// Outputs that it has, used or not.
 const OUTPUTS: usize = 4;
 /// Range up to which it measures, m.
@@ -118,6 +120,14 @@ impl Device {
                 (_, Family::Tim7xx) => "TiM781-2174101  ",
             };
             self.new_telegram("sRA DeviceIdent").blank().text(name).text("V2.46-18.12.13")
+        } else if is("sRN SerialNumber").is_some() {
+            self.new_telegram("sRA SerialNumber").blank().text(SERIAL)
+        } else if is("sRN LMPscancfg").is_some() {
+            // One sector: frequency, sectors, resolution, first and last direction.
+            let (frequency, start, step, count) = self.figures();
+            let last = start + i32::from(step) * (i32::from(count) - 1);
+            let telegram = self.new_telegram("sRA LMPscancfg").blank().u32(frequency).u16(1).u32(step.into());
+            telegram.u32(start.cast_unsigned()).u32(last.cast_unsigned())
         } else if is("sRN SCdevicestate").is_some() {
             self.new_telegram("sRA SCdevicestate").blank().u8(if self.faults.error { 2 } else { 1 })
         } else if let Some(mut values) = is("sMN SetAccessMode") {

@@ -424,3 +424,31 @@ fn hostile_bytes_in_any_state_do_no_harm() {
         assert!(Instant::ZERO < bench.now);
     }
 }
+
+/// What an emulated TiM5xx answers to a request without values.
+fn answer(dialect: Dialect, request: &str) -> Vec<u8> {
+    let mut device = Device::new(Family::Tim5xx, dialect);
+    device.handle_rx(Instant::ZERO, &Writer::<80>::new(dialect, request).frame());
+    let (mut answer, mut bytes) = (Vec::new(), [0; 64]);
+    for at in 0..100 {
+        let count = device.poll_tx(Instant::ZERO + ms(at), &mut bytes);
+        answer.extend(&bytes[..count]);
+    }
+    answer
+}
+
+/// The forms are those of `sRA SerialNumber 8 16160456`, which a TiM561 answered (log in `SICKAG/sick_scan`, issue 4),
+/// and of the values of the scan configuration in `sMN mLMPsetscancfg 00001388 0001 00000271 FFF8C088 0022B6B8`
+/// (log in `SICKAG/sick_scan_xd`, issue 449): frequency, sectors, resolution, first and last direction.
+#[test]
+fn an_emulated_device_answers_with_its_serial_number_and_its_scan_configuration() {
+    assert_eq!(answer(Dialect::Text, "sRN SerialNumber"), b"\x02sRA SerialNumber 8 18520122\x03");
+    assert_eq!(answer(Dialect::Text, "sRN LMPscancfg"), b"\x02sRA LMPscancfg 5DC 1 2710 FFF92230 225510\x03");
+    let serial = "02020202 0000001b 7352412053657269616c4e756d626572 20 0008 3138353230313232";
+    let config = "02020202 00000021 735241204c4d507363616e636667 20 000005dc 0001 00002710 fff92230 00225510";
+    for (request, telegram) in [("sRN SerialNumber", serial), ("sRN LMPscancfg", config)] {
+        let mut telegram = hex(telegram);
+        telegram.push(telegram[8..].iter().fold(0, |sum, byte| sum ^ byte));
+        assert_eq!(answer(Dialect::Binary, request), telegram, "{request}");
+    }
+}

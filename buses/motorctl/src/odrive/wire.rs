@@ -8,6 +8,8 @@ use base::can::{Frame, Id};
 
 /// Greatest node id; 0x3F is taken for an axis without one.
 pub const NODE_MAX: u8 = 0x3E;
+/// Node id of an axis without one; taken for one that all receive, too.
+const TO_ALL: u8 = 0x3F;
 
 /// Axis state IDLE.
 pub const IDLE: u8 = 1;
@@ -41,6 +43,7 @@ const ESTOP: u8 = 0x02;
 const ERROR: u8 = 0x03;
 const RX_SDO: u8 = 0x04;
 const TX_SDO: u8 = 0x05;
+const ADDRESS: u8 = 0x06;
 const AXIS_STATE: u8 = 0x07;
 const ESTIMATES: u8 = 0x09;
 const CONTROLLER_MODE: u8 = 0x0B;
@@ -50,6 +53,29 @@ const IQ: u8 = 0x14;
 const TEMPERATURE: u8 = 0x15;
 const BUS: u8 = 0x17;
 const CLEAR_ERRORS: u8 = 0x18;
+
+/// Messages that move an axis or change what it does, beside RxSdo: Estop, Address, Set_Axis_State, the modes, inputs,
+/// limits and trajectories from 0x0B on, Reboot, Clear_Errors, Set_Absolute_Position, the gains, Enter_DFU_Mode.
+const CHANGES: [u8; 18] = [
+    ESTOP,
+    ADDRESS,
+    AXIS_STATE,
+    0x08,
+    CONTROLLER_MODE,
+    0x0C,
+    INPUT_VEL,
+    INPUT_TORQUE,
+    0x0F,
+    0x10,
+    0x11,
+    0x12,
+    0x13,
+    0x16,
+    CLEAR_ERRORS,
+    0x19,
+    0x1B,
+    0x1F,
+];
 
 /// Operation of an RxSdo.
 const SDO_READ: u8 = 0;
@@ -133,14 +159,17 @@ pub enum Command {
     ClearErrors,
 }
 
-impl Command {
-    /// True if it asks for something, and changes nothing.
-    #[must_use]
-    pub fn asks(&self) -> bool {
-        matches!(
-            self,
-            Self::GetVersion | Self::GetError | Self::GetIq | Self::GetTemperature | Self::GetBus | Self::Read { .. }
-        )
+/// True for a frame that moves the axis with this node id or changes what it does, whatever its values and its length
+/// are; false for questions, and for what the axis itself sends.
+#[must_use]
+pub fn changes(node: u8, frame: &Frame) -> bool {
+    match address(frame) {
+        Some((to, _)) if ![node, TO_ALL].contains(&to) => false,
+        // An axis without a node id asks for one.
+        Some((TO_ALL, ADDRESS)) => false,
+        Some((_, RX_SDO)) => frame.data().first().is_some_and(|operation| *operation != SDO_READ),
+        Some((_, command)) => CHANGES.contains(&command),
+        None => false,
     }
 }
 

@@ -5,7 +5,7 @@
 //! and at a duty cycle of 0, the motors roll, which is the worse case; answers begin 500 µs after the request.
 
 use super::wire::{Answer, Asked, Bytes, GAP, Packet, Request, TIME_UNIT};
-use super::{Device as Identity, wire};
+use super::{Device as Identity, Model, wire};
 use crate::motor::{Drive, Motor};
 use base::{Duration, Instant, Queue, earliest};
 
@@ -32,7 +32,7 @@ pub struct Faults {
 pub struct Device {
     identity: Identity,
     /// Model and firmware.
-    pub model: &'static str,
+    pub model: Model,
     /// What is wrong with it.
     pub faults: Faults,
     /// Its motors.
@@ -132,7 +132,7 @@ impl Device {
                 Answer::Position((counts + i64::from(self.offset)) as i32)
             }
             Request::Speed(motor) => Answer::Speed(self.counts(motor, self.motors[motor].measured()) as i32),
-            Request::Version => Answer::Version(self.model.bytes().take(wire::TEXT_LEN_MAX).collect()),
+            Request::Version => Answer::Version(self.model.as_bytes().iter().copied().collect()),
             Request::Supply => Answer::Supply(24.0),
             Request::Currents => Answer::Currents([0.5, 0.6]),
             Request::Temperature => Answer::Temperature(35.0),

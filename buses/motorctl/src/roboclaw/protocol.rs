@@ -177,7 +177,7 @@ impl PacketSerial {
     ) -> Progress {
         match (request, answer) {
             (_, Answer::Version(text)) => {
-                // Not empty, by the check of the configuration.
+                // Not empty: `windows` takes no zero.
                 let model = self.device.model.as_bytes();
                 if !text.windows(model.len()).any(|part| part == model) {
                     return Progress::Refused(Step::Identity, Refusal::Identity { found: text.clone() });

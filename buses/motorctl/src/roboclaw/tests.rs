@@ -1,6 +1,6 @@
 use super::device::Device as Board;
 use super::wire::{self, Asked, Packet, Request};
-use super::{Device, RoboClaw};
+use super::{Device, Model, RoboClaw};
 use crate::motor::{Drive, Encoder};
 use crate::{Axis, Config, ConfigError, Event, LostReason, Reaction, Refusal, State, Step};
 use base::{Duration, Instant};
@@ -221,7 +221,7 @@ fn drive_commands_that_are_not_acknowledged_are_a_loss_although_reads_are_answer
 #[test]
 fn another_model_is_refused_and_sent_no_command() {
     let mut bench = Bench::new();
-    bench.board.model = "RoboClaw 2x30a v4.1.34";
+    bench.board.model = Model::new("RoboClaw 2x30a v4.1.34").unwrap();
     bench.pass(STARTED);
     let found = b"RoboClaw 2x30a v4.1.34".iter().copied().collect();
     assert_eq!(bench.event(), &Event::Refused { step: Step::Identity, reason: Refusal::Identity { found } });
@@ -306,11 +306,12 @@ fn wrong_figures_of_the_device_are_refused() {
         Device { address: 0x7F, ..DEVICE },
         Device { address: 0x88, ..DEVICE },
         Device { baud: 0, ..DEVICE },
-        Device { model: "", ..DEVICE },
         Device { counts_per_turn: [4096.0, f64::NAN], ..DEVICE },
     ] {
         assert_eq!(new(&config(), device), Err(ConfigError::Device));
     }
+    let long = std::string::String::from_utf8(std::vec![b'a'; 47]).unwrap();
+    assert!(Model::new("").is_none() && Model::new(&long).is_none() && Model::new(&long[1..]).is_some());
     let mut odd = config();
     odd.timing.time_limit = ms(150);
     assert_eq!(new(&odd, DEVICE), Err(ConfigError::TimeLimit));

@@ -23,12 +23,14 @@ const PROCESS_SHORT: u32 = 8;
 /// The payload of a command with a frame of its own begins with the number of the frame's command and this.
 const PAYLOAD_OFFSET: u32 = 5;
 
-/// Commands that move the motor and have frames of their own: duty cycle, current, brake current, ERPM, position, and
-/// the currents relative to their limits.
-const SETS: [u32; 9] = [0, SET_CURRENT, 2, SET_RPM, 4, 10, 11, 12, 13];
-/// Payloads that move the motor or configure it: COMM_SET_DUTY to COMM_SET_SERVO_POS, COMM_SET_MCCONF,
-/// COMM_SET_APPCONF (`datatypes.h`).
-const SETS_IN_PAYLOADS: [u8; 10] = [5, 6, 7, 8, 9, 10, 11, 12, 13, 16];
+/// Commands that move the motor or configure it, and have frames of their own (`datatypes.h`): duty cycle, current,
+/// brake current, ERPM, position, the currents relative to their limits, detection of the motor, limits of current and
+/// ERPM, limits of the battery, shutdown.
+const SETS: [u32; 19] = [0, SET_CURRENT, 2, SET_RPM, 4, 10, 11, 12, 13, 19, 21, 22, 23, 24, 25, 26, 29, 30, 31];
+/// Payloads that only ask, and their answers: COMM_FW_VERSION, COMM_GET_VALUES, COMM_GET_MCCONF and COMM_GET_APPCONF
+/// with their defaults, COMM_PRINT, COMM_ROTOR_POSITION, COMM_GET_DECODED_PPM, _ADC and _CHUK, COMM_GET_VALUES_SETUP,
+/// and the selective ones. Any other payload counts as a command, COMM_ALIVE too, which feeds the timeout.
+const ASKS_IN_PAYLOADS: [u8; 14] = [0, 4, 14, 15, 17, 18, 21, 22, 31, 32, 33, 47, 50, 51];
 
 /// Bytes of a payload that go in one frame.
 const SHORT_MAX: usize = 6;
@@ -46,8 +48,8 @@ pub(crate) fn is_command(frame: &Frame, id: u8, own: u8) -> bool {
         return false;
     }
     match (identifier >> 8, frame.data()) {
-        (PROCESS_SHORT, [sender, _, command, ..]) => *sender != own && SETS_IN_PAYLOADS.contains(command),
-        (FILL, [0, command, ..]) => SETS_IN_PAYLOADS.contains(command),
+        (PROCESS_SHORT, [sender, _, command, ..]) => *sender != own && !ASKS_IN_PAYLOADS.contains(command),
+        (FILL, [0, command, ..]) => !ASKS_IN_PAYLOADS.contains(command),
         (command, _) => SETS.contains(&command),
     }
 }

@@ -379,3 +379,44 @@ fn nothing_that_can_arrive_does_harm() {
     let stranger = DataScan { name: "rear".into(), ..full };
     assert_eq!(bench.scans.on_scan(Instant::from_millis(30_000), Duration::ZERO, &stranger, &bench.trail), None);
 }
+
+#[test]
+fn a_view_of_an_arc_answers_as_the_whole_one() {
+    let mut state = 7_u64;
+    let mut random = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    let mut narrow = 0;
+    for n in 0..400 {
+        let here = Point { x: random() - 0.5, y: random() - 0.5 };
+        let hit = |distance: f64, angle: f64| {
+            let (sin, cos) = libm::sincos(angle);
+            Point { x: here.x + distance * cos, y: here.y + distance * sin }
+        };
+        let mut hits: Vec<Hit> = (0..300)
+            .map(|turns| Hit { at: hit(4.0 * random(), TAU * random()), turns: turns % 3, approaches: false })
+            .collect();
+        hits.push(Hit { at: here, turns: 1, approaches: false });
+        let turn = Turn { since: Instant::ZERO, seen: Vec::new(), hits };
+        // A sector; every tenth one at the lidar, which has directions all around.
+        let (first, nearest) = (TAU * random(), if n % 10 == 0 { 0.0 } else { 0.6 });
+        let met: Vec<Met> = (0..50)
+            .map(|k| {
+                let at = hit(nearest + 3.0 * random(), first + f64::from(k) * 0.014);
+                let (bin, distance) = seen_from(here, at);
+                Met { at, bin, distance, follows: true }
+            })
+            .collect();
+        let same = 0.21;
+        let arc = Arc::around(&met, same);
+        narrow += usize::from(arc.half.is_some());
+        let whole = View::new(here, Some(&turn), &Arc { middle: (1.0, 0.0), half: None });
+        let part = View::new(here, Some(&turn), &arc);
+        for Met { bin, distance, .. } in met {
+            assert_eq!(part.turns(bin, distance, same), whole.turns(bin, distance, same));
+            assert_eq!(part.nearest(bin), whole.nearest(bin));
+        }
+    }
+    assert!((300..400).contains(&narrow), "{narrow}");
+}

@@ -3,6 +3,7 @@
 use super::cia402::{Cia402, Cia402Config};
 use super::feed_output::{GpioConfig, OutputConfig};
 use super::keys::{ControllerConfig, not_zero, refuse_canopen};
+use super::line_keys::LineConfig;
 use super::odrive::{OdriveConfig, is_ambiguous};
 use super::protection;
 use super::ranging::RangingBoard;
@@ -116,8 +117,47 @@ settings! {
         /// Greatest distance in which the robot must stand after the PAUSE line was engaged, and after a drive that
         /// rolls without commands gets none; caps the speed.
         distance_m: f64 = 0.6, 0.05..=100.0;
+        /// Inputs that stop the robot as PAUSE does (docs/safety.md).
+        inputs: Vec<StopInput> = [];
     }
     check Stop::check;
+}
+
+settings! {
+    /// `[[stop.inputs]]`: an input that stops the robot while it is open or not known: a `signal`, or `axis` and `bit`.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct StopInput {
+        /// Name of a signal of `[io]` that is an input, 1 while it is closed.
+        signal: Option<String> = optional;
+        /// Axis whose drive, of CANopen, reads the input (0x60FD).
+        axis: Option<Axis> = optional;
+        /// Bit of the drive's digital inputs, 1 while it is closed: by CiA 402 0 to 2 are limit and reference switches,
+        /// 16 to 31 the maker's.
+        bit: Option<u8> = optional, 0..=31;
+    }
+    check StopInput::check;
+}
+
+impl StopInput {
+    fn check(&self, table: &Table<'_>) {
+        match (&self.signal, self.axis, self.bit) {
+            (Some(_), None, None) | (None, Some(_), Some(_)) => {}
+            (Some(_), Some(_), _) => table.refuse("axis", "either a signal, or an axis and a bit"),
+            (Some(_), None, Some(_)) => table.refuse("bit", "either a signal, or an axis and a bit"),
+            (None, Some(_), None) => table.refuse_missing("bit", "the bit of the drive's digital inputs (0x60FD)"),
+            (None, None, _) => table.refuse_missing("signal", "a signal of [io], or an axis and a bit"),
+        }
+    }
+
+    /// Its name as a source of PAUSE: `io.estop`, `drive.left.3`.
+    #[must_use]
+    pub fn source(&self) -> String {
+        match (&self.signal, self.axis) {
+            (Some(signal), _) => format!("io.{signal}"),
+            (None, Some(axis)) => format!("drive.{}.{}", axis.name(), self.bit.unwrap_or_default()),
+            (None, None) => String::new(),
+        }
+    }
 }
 
 settings! {
@@ -159,10 +199,27 @@ impl Stop {
         }
     }
 
+    /// Signals of `[io]` that stop the robot.
+    pub fn signals(&self) -> impl Iterator<Item = &str> {
+        self.inputs.iter().filter_map(|input| input.signal.as_deref())
+    }
+
     /// The output that cuts the motors' feed, if it is the second way.
     #[must_use]
     pub fn feed_output(&self) -> Option<OutputConfig> {
         self.output.filter(|_| self.second_way == SecondWay::Canopen)
+    }
+
+    /// True if something cuts the motors' feed where the drives do not brake; `has_power`: the robot has a power
+    /// controller.
+    #[must_use]
+    pub fn has_second_way(&self, has_power: bool) -> bool {
+        match self.second_way {
+            SecondWay::Power => has_power,
+            SecondWay::Canopen => self.output.is_some(),
+            SecondWay::Gpio => self.gpio.is_some(),
+            SecondWay::None => false,
+        }
     }
 
     /// The GPIO line that cuts the motors' feed, if it is the second way.
@@ -264,6 +321,8 @@ pub enum ConfigError {
         /// Why not.
         refusal: Refusal,
     },
+    /// A wheel is to be turned by a motor that its serial line does not have.
+    NoMotor,
     /// A motor controller cannot be driven with its keys.
     Controller {
         /// What it should move.
@@ -279,6 +338,7 @@ impl fmt::Display for ConfigError {
             Self::CanOpen(error) => error.fmt(f),
             Self::Base(error) => error.fmt(f),
             Self::NoSheet(axis) => write!(f, "the data sheet of the {} drive was not read", axis.name()),
+            Self::NoMotor => f.write_str("a serial line has no motor for a wheel"),
             Self::Drive { axis, refusal } => write!(f, "the {} drive is refused: {refusal}", axis.name()),
             Self::Controller { axis, error } => write!(f, "the {} drive is refused: {error}", axis.name()),
         }
@@ -302,8 +362,10 @@ impl From<kinematics::Error> for ConfigError {
 /// Configuration of `driver_canbus`.
 #[derive(Clone, Debug)]
 pub struct Config {
-    /// The bus's name: `can.main`.
-    pub bus: String,
+    /// The CAN bus's name: `can.main`; none: all drives are on serial lines.
+    pub bus: Option<String>,
+    /// Serial lines, each with the device that turns one or two wheels.
+    pub lines: Vec<LineConfig>,
     /// bit/s.
     pub bitrate: u32,
     /// Node id of this master, 1..=127.
@@ -354,7 +416,7 @@ pub struct Config {
 pub struct PropulsionConfig {
     /// What it moves.
     pub axis: Axis,
-    /// Node id, 1..=127; of an ODrive at most 62; the id of a VESC.
+    /// Node id, 1..=127; of an ODrive at most 62; the id of a VESC; the address of a RoboClaw.
     pub node: u8,
     /// Which one.
     pub drive: PropulsionDrive,
@@ -377,8 +439,15 @@ pub enum PropulsionDrive {
         /// Circumference of the wheel, m.
         circumference: f64,
     },
-    /// A motor controller without CANopen.
+    /// A motor controller without CANopen, on CAN.
     Controller(ControllerConfig),
+    /// A motor of the device on a serial line.
+    OnLine {
+        /// Number of the line in the configuration.
+        line: usize,
+        /// Number of the motor among those of its device.
+        motor: usize,
+    },
 }
 
 /// The steering drive, in profile position mode.
@@ -484,7 +553,7 @@ impl BusConfig {
             Drive::Epos(epos) => PropulsionDrive::Epos { rpm_per_mps: 60.0 * epos.gear / circumference },
             Drive::Cia402(keys) => PropulsionDrive::Cia402 { drive: node.by_sheet(keys), circumference },
             Drive::Odrive(keys) => controller(keys.gear, keys.device(node.id)),
-            Drive::Vesc(keys) => controller(keys.gear, keys.device(node.id)),
+            Drive::Vesc(keys) => controller(keys.motor.gear, keys.device(node.id)),
             Drive::Icla(_) => return None,
         };
         Some(PropulsionConfig { axis: node.axis, node: node.id, drive, writable: node.writable.clone() })
@@ -517,31 +586,44 @@ impl BusConfig {
         })
     }
 
-    /// Drives of the wheels: of the rear axle, or of each wheel of a base without steering. Absent unless all are on
-    /// this bus.
-    fn wheel_drives(&self, base: Option<&Base>, circumference: f64) -> Option<Vec<PropulsionConfig>> {
-        let axes = base.map_or(&["propulsion"][..], Base::axes);
-        let node = |axis: &&str| self.nodes.iter().find(|node| node.axis.name() == *axis);
-        axes.iter().map(|axis| self.wheel_drive(node(axis)?, circumference)).collect()
-    }
-
     /// Configuration of the driver for the bus of this name; absent unless all drives of the base are on it. The other
     /// modules are to be set.
     #[must_use]
     pub fn driver(&self, bus: String, base: Option<Base>, geometry: &Geometry, limits: Limits) -> Option<Config> {
-        let wheels = self.wheel_drives(base.as_ref(), geometry.wheel_circumference_m())?;
+        self.driver_with(Some(bus), Vec::new(), base, geometry, limits)
+    }
+
+    /// The same for drives that may be on these serial lines, too; without a `bus` all of them are.
+    #[must_use]
+    pub fn driver_with(
+        &self,
+        bus: Option<String>,
+        lines: Vec<LineConfig>,
+        base: Option<Base>,
+        geometry: &Geometry,
+        limits: Limits,
+    ) -> Option<Config> {
+        let circumference = geometry.wheel_circumference_m();
+        let axes = base.as_ref().map_or(&["propulsion"][..], Base::axes);
+        let of_bus = |axis: &str| self.nodes.iter().find(|node| node.axis.name() == axis);
+        let drive = |axis: &&str| match of_bus(axis) {
+            Some(node) => self.wheel_drive(node, circumference),
+            None => on_line(axis, &lines),
+        };
+        let wheels = axes.iter().map(drive).collect::<Option<Vec<_>>>()?;
         let steering = match base {
             Some(_) => None,
             None => Some(SteeringConfig { speed: limits.steering_rate_radps, ..self.steering()? }),
         };
         Some(Config {
             bus,
+            lines,
             bitrate: self.bitrate,
             node_id: self.master,
             sync: self.sync,
             time: self.time,
             wheelbase: geometry.wheelbase_m,
-            wheel_circumference: geometry.wheel_circumference_m(),
+            wheel_circumference: circumference,
             driven: geometry.driven,
             base,
             limits,
@@ -559,6 +641,15 @@ impl BusConfig {
             steering,
         })
     }
+}
+
+/// The drive of a wheel on a serial line.
+fn on_line(axis: &str, lines: &[LineConfig]) -> Option<PropulsionConfig> {
+    lines.iter().enumerate().find_map(|(number, line)| {
+        let motor = line.motors.iter().position(|(own, _)| own.name() == axis)?;
+        let (axis, drive) = (line.motors[motor].0, PropulsionDrive::OnLine { line: number, motor });
+        Some(PropulsionConfig { axis, node: line.device.address(), drive, writable: Vec::new() })
+    })
 }
 
 impl Node {

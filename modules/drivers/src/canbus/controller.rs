@@ -1,13 +1,15 @@
 //! A motor controller without CANopen that turns a wheel (docs/motor-controllers.md): its engine, and what the module
 //! must know of it.
 //!
-//! Device    ODrive by CAN Simple, VESC: facts in `motorctl::odrive`, `motorctl::vesc`
+//! Device    ODrive by CAN Simple, VESC on CAN or a UART, RoboClaw: facts in `motorctl`; on a serial line see `lines`
 //! Timing    set-points every 20 ms, a quick stop at once; the command time limit of the device is 200 ms, and proven
 //! Silence   of the device for 80 ms: lost, all others stop; of the driver: an ODrive disarms itself, and rolls, a VESC
 //!           brakes by `timeout_brake_current`, if that is not 0
 
 use super::drive::{Objection, Trouble};
-use super::keys::ControllerConfig;
+use super::engine::Engine;
+use super::keys::{ControllerConfig, axis_of};
+use super::lines::LineEngine;
 use super::{Config, ConfigError, PropulsionConfig, PropulsionDrive, STANDSTILL_MPS};
 use base::can::Frame;
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
@@ -15,17 +17,19 @@ use canopen::axis::Goal;
 use messages::Hold;
 use messages::lowlevel::{Axis, Node, Wheel};
 use module::Actions;
-use motorctl::can::{Device, OnCan};
+use motorctl::can::OnCan;
 use motorctl::{Event, Feedback, LostReason, Refusal, State, Step};
 use std::f64::consts::TAU;
 use std::fmt;
 
 /// Minimum time for which one that did not obey blocks motion.
 const TROUBLE_MIN: Duration = Duration::from_millis(500);
+/// No start-up begins so long after a command of another program: each takes the torque away for its silence.
+const COMMANDED_REST: Duration = Duration::from_millis(500);
+/// Interval at which it is looked for standstill.
+const STANDING_AGAIN: Duration = Duration::from_millis(20);
 /// Age beyond which its speed is unknown.
 const MEASURED_AGE_MAX: Duration = Duration::from_millis(200);
-/// Margin of the engine's limit above that of commands, and of its ramp above those of the base.
-const MARGIN: f64 = 1.1;
 
 /// What is known of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,8 +37,11 @@ pub(super) enum Availability {
     Starting,
     Refused(Step),
     Lost(LostReason),
-    BusDown,
+    /// Its bus, or its line, is down.
+    Unreached(&'static str),
     Ready,
+    /// Another program has commanded or configured it: it stops, and is started again.
+    Commanded,
     /// It was disarmed, because the module ends.
     Off,
 }
@@ -46,8 +53,8 @@ impl Availability {
             Self::Starting | Self::Ready | Self::Off => Hold::DriveBooting,
             Self::Refused(_) => Hold::DriveBootFailed,
             Self::Lost(LostReason::Fault { .. }) => Hold::DriveFault,
-            Self::Lost(LostReason::TimeLimitChanged) => Hold::DriveParameter,
-            Self::Lost(_) | Self::BusDown => Hold::DriveLost,
+            Self::Lost(LostReason::TimeLimitChanged) | Self::Commanded => Hold::DriveParameter,
+            Self::Lost(_) | Self::Unreached(_) => Hold::DriveLost,
         }
     }
 }
@@ -59,8 +66,9 @@ impl fmt::Display for Availability {
             Self::Starting => f.write_str("is being started"),
             Self::Refused(step) => write!(f, "cannot be started: {step}"),
             Self::Lost(reason) => reason.fmt(f),
-            Self::BusDown => f.write_str("is not reached: the bus is down"),
+            Self::Unreached(what) => write!(f, "is not reached: the {what} is down"),
             Self::Ready => f.write_str("is ready"),
+            Self::Commanded => f.write_str("was commanded by another program, and is started again at standstill"),
             Self::Off => f.write_str("is switched off"),
         }
     }
@@ -71,22 +79,29 @@ base::deadlines! {
     enum Timer {
         /// Trouble is evaluated again. Set while it blocks motion.
         Trouble,
+        /// It may be started again after a command of another program.
+        Restart,
     }
 }
 
 pub(super) struct Controller {
     name: &'static str,
-    node: u8,
+    /// Where it is, in words.
+    place: String,
+    /// Its id, or its address.
+    address: u8,
     /// m per rad of the wheel.
     radius: f64,
-    device: Device,
-    engine: OnCan,
+    engine: Engine,
     availability: Availability,
     /// After a loss, a refusal or trouble it is not enabled before a deliberate act.
     locked: bool,
     trouble: Option<Trouble>,
     /// [`Fault::DriveFault`] was raised because of trouble.
     alarmed: bool,
+    /// Another program has commanded or configured it since its last start-up began: what that start-up has written
+    /// and proven no longer holds.
+    commanded: bool,
     /// Commanded speed, m/s.
     target: f64,
     /// Its bus is up.
@@ -98,29 +113,39 @@ pub(super) struct Controller {
 }
 
 impl Controller {
-    pub(super) fn new(own: &PropulsionConfig, config: &Config) -> Result<Self, ConfigError> {
-        let PropulsionDrive::Controller(ControllerConfig { gear, device, circumference }) = own.drive else {
-            return Err(ConfigError::NoSheet(own.axis));
+    /// `lines`: the devices of the serial lines.
+    pub(super) fn new(own: &PropulsionConfig, config: &Config, lines: &[LineEngine]) -> Result<Self, ConfigError> {
+        let (engine, place, circumference) = match own.drive {
+            PropulsionDrive::Controller(ControllerConfig { gear, device, circumference }) => {
+                let axis = axis_of(gear, circumference, &config.limits);
+                let engine = OnCan::new(&motorctl::Config::new([axis]), device);
+                let engine = engine.map_err(|error| ConfigError::Controller { axis: own.axis, error })?;
+                (Engine::Can { device, engine: Box::new(engine) }, format!("node {}", own.node), circumference)
+            }
+            PropulsionDrive::OnLine { line, motor } => {
+                let (Some(engine), Some(of)) = (lines.get(line), config.lines.get(line)) else {
+                    return Err(ConfigError::NoMotor);
+                };
+                if motor >= of.motors.len() {
+                    return Err(ConfigError::NoMotor);
+                }
+                (Engine::Line(engine.channel(line, motor)), of.bus.clone(), config.wheel_circumference)
+            }
+            PropulsionDrive::Epos { .. } | PropulsionDrive::Cia402 { .. } => {
+                return Err(ConfigError::NoSheet(own.axis));
+            }
         };
-        let (limits, radius) = (&config.limits, circumference / TAU);
-        let ramp = limits.quick_stop_mps2.max(limits.deceleration_mps2).max(limits.acceleration_mps2);
-        let axis = motorctl::Axis {
-            gear,
-            velocity_max_radps: limits.speed_mps * MARGIN / radius,
-            // Those of the base are followed; the steepest one is that of a command that was not renewed.
-            acceleration_radps2: ramp * MARGIN / radius,
-        };
-        let engine = OnCan::new(&motorctl::Config::new([axis]), device);
         Ok(Self {
             name: own.axis.name(),
-            node: own.node,
-            radius,
-            device,
-            engine: engine.map_err(|error| ConfigError::Controller { axis: own.axis, error })?,
+            place,
+            address: own.node,
+            radius: circumference / TAU,
+            engine,
             availability: Availability::Starting,
             locked: false,
             trouble: None,
             alarmed: false,
+            commanded: false,
             target: 0.0,
             reached: false,
             measured: None,
@@ -129,36 +154,51 @@ impl Controller {
         })
     }
 
-    /// The bus is up, and the controller is started; or down.
+    /// Number of the serial line that it is on; absent on CAN.
+    pub(super) fn line(&self) -> Option<usize> {
+        if let Engine::Line(channel) = &self.engine { Some(channel.number) } else { None }
+    }
+
+    /// Its bus or line is up, and the controller is started; or down.
     pub(super) fn on_bus(&mut self, now: Instant, up: bool, out: &mut Actions) {
         self.reached = up;
         if up {
-            self.engine.restart(now);
-            self.set_availability(Availability::Starting);
+            self.restart(now);
             return;
         }
         let was_ready = self.is_ready();
         // Nothing leaves: its command time limit acts.
         self.engine.disarm(now);
-        while self.engine.poll_tx(now).is_some() {}
-        self.set_availability(Availability::BusDown);
+        self.engine.drop_tx(now);
+        let unreached = Availability::Unreached(if self.line().is_some() { "line" } else { "bus" });
+        self.set_availability(now, unreached);
         if was_ready {
-            self.raise(Fault::DriveLost, format!("{}; the robot stops", Availability::BusDown), out);
+            self.raise(Fault::DriveLost, format!("{unreached}; the robot stops"), out);
         }
     }
 
-    fn set_availability(&mut self, availability: Availability) {
+    fn restart(&mut self, now: Instant) {
+        self.engine.restart(now);
+        self.commanded = false;
+        self.set_availability(now, Availability::Starting);
+    }
+
+    fn set_availability(&mut self, now: Instant, availability: Availability) {
         self.availability = availability;
         (self.locked, self.changed) = (true, true);
         self.trouble = None;
         self.deadlines.clear_all();
+        // A start-up that ends may have begun before the command.
+        if self.commanded && self.is_ready() {
+            self.deadlines.set(Timer::Restart, now + COMMANDED_REST);
+        }
     }
 
-    /// Serves the deadlines of the engine; to be called before each decision.
+    /// Serves the deadlines of the engine; to be called before each decision, and after it.
     pub(super) fn serve(&mut self, now: Instant, out: &mut Actions) {
         if self.is_served() {
             self.engine.handle_timeout(now);
-            self.drain(out);
+            self.drain(now, out);
         }
     }
 
@@ -168,33 +208,48 @@ impl Controller {
 
     /// True for a frame of its device, or to it.
     pub(super) fn is_own(&self, frame: &Frame) -> bool {
-        self.device.owns(frame)
+        matches!(&self.engine, Engine::Can { device, .. } if device.owns(frame))
     }
 
-    /// Its name, if another program commands its device by this frame; one that asks it for something does not.
-    pub(super) fn foreign_command_to(&self, frame: &Frame) -> Option<&'static str> {
-        self.device.is_commanded_by(frame).then_some(self.name)
+    /// Its name, if another program commands or configures its device by this frame; one that asks it for something
+    /// does not. Its command time limit may be off then: it stops, and all of its start-up precedes the next motion.
+    pub(super) fn on_foreign(&mut self, now: Instant, frame: &Frame) -> Option<&'static str> {
+        if !matches!(&self.engine, Engine::Can { device, .. } if device.is_commanded_by(frame)) {
+            return None;
+        }
+        self.changed |= !self.commanded;
+        (self.commanded, self.locked) = (true, true);
+        if self.is_ready() {
+            self.deadlines.set(Timer::Restart, now + COMMANDED_REST);
+        }
+        Some(self.name)
     }
 
-    /// A frame of its device; the speed, m/s, if it was measured.
-    pub(super) fn on_frame(&mut self, now: Instant, frame: &Frame, out: &mut Actions) -> Option<f64> {
-        self.engine.handle_rx(now, frame);
-        self.drain(out);
-        let feedback = self.engine.feedback(0).filter(|feedback| self.measured.is_none_or(|at| feedback.at > at))?;
+    /// A frame of its device.
+    pub(super) fn on_frame(&mut self, now: Instant, frame: &Frame, out: &mut Actions) {
+        if let Engine::Can { engine, .. } = &mut self.engine {
+            engine.handle_rx(now, frame);
+        }
+        self.drain(now, out);
+    }
+
+    /// Its speed, m/s, if it was measured since the last call.
+    pub(super) fn take_measured(&mut self) -> Option<f64> {
+        let feedback = self.engine.feedback().filter(|feedback| self.measured.is_none_or(|at| feedback.at > at))?;
         self.measured = Some(feedback.at);
         Some(feedback.velocity_radps * self.radius)
     }
 
-    fn drain(&mut self, out: &mut Actions) {
+    fn drain(&mut self, now: Instant, out: &mut Actions) {
         while let Some(event) = self.engine.poll_event() {
             match event {
                 Event::Ready { acted_after, reaction } => {
                     let after = acted_after.map_or(f64::NAN, |after| after.as_secs_f64());
-                    self.set_availability(Availability::Ready);
+                    self.set_availability(now, Availability::Ready);
                     self.alarmed = false;
                     let message = format!(
-                        "{} drive (node {}) is ready: {after:.2} s without a command it {reaction}",
-                        self.name, self.node
+                        "{} drive ({}) is ready: {after:.2} s without a command it {reaction}",
+                        self.name, self.place
                     );
                     let faults = [Fault::DriveLost, Fault::DriveBootFailed, Fault::DriveMismatch];
                     for fault in faults.into_iter().chain([Fault::DriveFault, Fault::DriveParameter]) {
@@ -203,7 +258,7 @@ impl Controller {
                     out.note(message);
                 }
                 Event::Refused { step, reason } => {
-                    self.set_availability(Availability::Refused(step));
+                    self.set_availability(now, Availability::Refused(step));
                     let fault = match reason {
                         Refusal::Identity { .. } => Fault::DriveMismatch,
                         _ => Fault::DriveBootFailed,
@@ -211,7 +266,7 @@ impl Controller {
                     self.raise(fault, format!("cannot be started, {step}: it {reason}; tried again each second"), out);
                 }
                 Event::Lost { reason } => {
-                    self.set_availability(Availability::Lost(reason));
+                    self.set_availability(now, Availability::Lost(reason));
                     let fault = match reason {
                         LostReason::Fault { .. } => Fault::DriveFault,
                         LostReason::TimeLimitChanged => Fault::DriveParameter,
@@ -224,7 +279,7 @@ impl Controller {
     }
 
     fn raise(&self, fault: Fault, predicate: impl fmt::Display, out: &mut Actions) {
-        let message = format!("{} drive (node {}) {predicate}", self.name, self.node);
+        let message = format!("{} drive ({}) {predicate}", self.name, self.place);
         out.raise(Severity::Error, fault, self.name, message);
     }
 
@@ -235,7 +290,8 @@ impl Controller {
         self.deadlines.set(Timer::Trouble, now + TROUBLE_MIN);
     }
 
-    /// Passes the goal to the engine, and sends what follows from it; `speed`: measured, m/s, NaN if unknown.
+    /// Passes the goal to the engine; what follows from it is sent when all wheels have theirs, by [`Self::serve`].
+    /// `speed`: measured, m/s, NaN if unknown.
     pub(super) fn advance(&mut self, now: Instant, goal: Goal, speed: f64, out: &mut Actions) {
         if self.deadlines.is_due(Timer::Trouble, now) {
             self.deadlines.set(Timer::Trouble, now + TROUBLE_MIN);
@@ -244,32 +300,36 @@ impl Controller {
                 self.trouble = None;
             }
         }
+        if self.deadlines.is_due(Timer::Restart, now) {
+            if speed.abs() < STANDSTILL_MPS {
+                self.restart(now);
+            } else {
+                // The speed monitor judges how it stops.
+                self.deadlines.set(Timer::Restart, now + STANDING_AGAIN);
+            }
+        }
         if self.alarmed && self.trouble.is_none() && self.is_ready() {
             self.alarmed = false;
             out.clear(Fault::DriveFault, self.name, format!("{} drive: no fault any more", self.name));
         }
         match goal {
-            Goal::Disabled => return self.switch_off(now),
-            _ if self.availability == Availability::Off => {
-                self.engine.restart(now);
-                self.set_availability(Availability::Starting);
-            }
+            Goal::Disabled => self.switch_off(now),
+            _ if self.availability == Availability::Off => self.restart(now),
             Goal::Enabled if self.may_be_enabled() => {
                 if self.engine.is_quick_stop() {
                     // Refused while it turns: it stays stopped.
                     let _refused = self.engine.release(now);
                 }
-                if !self.engine.is_quick_stop() && self.engine.command(now, [self.target / self.radius]).is_err() {
+                if !self.engine.is_quick_stop() && self.engine.command(now, self.target / self.radius).is_err() {
                     self.engine.quick_stop();
                 }
             }
             Goal::Enabled | Goal::QuickStop => self.engine.quick_stop(),
         }
-        self.serve(now, out);
     }
 
     fn may_be_enabled(&self) -> bool {
-        self.is_ready() && !self.locked && self.trouble.is_none()
+        self.is_ready() && !self.locked && !self.commanded && self.trouble.is_none()
     }
 
     /// Takes the torque away. One that is not ready has none, or loses it by its command time limit.
@@ -280,11 +340,12 @@ impl Controller {
         if self.is_ready() {
             self.engine.disarm(now);
         }
-        self.set_availability(Availability::Off);
+        self.set_availability(now, Availability::Off);
     }
 
-    pub(super) fn poll_tx(&mut self, now: Instant) -> Option<Frame> {
-        if self.reached { self.engine.poll_tx(now) } else { None }
+    /// The next frame, on CAN.
+    pub(super) fn poll_frame(&mut self, now: Instant) -> Option<Frame> {
+        if self.reached { self.engine.poll_frame(now) } else { None }
     }
 
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
@@ -327,6 +388,7 @@ impl Controller {
 
     pub(super) fn objection(&self) -> Option<Objection> {
         match (self.availability, self.trouble) {
+            (Availability::Ready, _) if self.commanded => Some(Objection::Controller(Availability::Commanded)),
             (Availability::Ready, trouble) => trouble.map(Objection::Trouble),
             (availability, _) => Some(Objection::Controller(availability)),
         }
@@ -349,7 +411,9 @@ impl Controller {
             Availability::Ready => (OPERATIONAL, OPERATION_ENABLED, 0),
             Availability::Lost(LostReason::Fault { errors }) => (PRE_OPERATIONAL, FAULT, errors as i32),
             Availability::Starting | Availability::Off => (PRE_OPERATIONAL, SWITCH_ON_DISABLED, 0),
-            Availability::Refused(_) | Availability::Lost(_) | Availability::BusDown => (-1, 0, 0),
+            Availability::Refused(_) | Availability::Lost(_) | Availability::Unreached(_) | Availability::Commanded => {
+                (-1, 0, 0)
+            }
         };
         Axis {
             name: self.name.into(),
@@ -358,14 +422,14 @@ impl Controller {
             error_code,
             position: f64::NAN,
             velocity: speed,
-            current: self.engine.feedback(0).map_or(f64::NAN, |feedback| feedback.current_a),
+            current: self.engine.feedback().map_or(f64::NAN, |feedback| feedback.current_a),
         }
     }
 
     /// Row in `LL_DATA_WHEELS`, without the speed.
     pub(super) fn wheel_row(&self) -> Wheel {
-        let feedback = self.engine.feedback(0).filter(|_| self.is_ready());
-        let of = |value: fn(&Feedback) -> f64| feedback.map_or(f64::NAN, value);
+        let feedback = self.engine.feedback().filter(|_| self.is_ready());
+        let of = |value: fn(&Feedback) -> f64| feedback.as_ref().map_or(f64::NAN, value);
         Wheel {
             name: self.name.into(),
             steering: f64::NAN,
@@ -387,7 +451,7 @@ impl Controller {
         };
         Node {
             name: self.name.into(),
-            address: i32::from(self.node),
+            address: i32::from(self.address),
             state,
             round_trip_min: f64::NAN,
             round_trip_mean: f64::NAN,

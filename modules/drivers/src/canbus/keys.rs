@@ -2,6 +2,11 @@
 
 use motorctl::can::Device;
 use settings::Table;
+use settings::robot::Limits;
+use std::f64::consts::TAU;
+
+/// Margin of the engine's limit above that of commands, and of its ramp above those of the base.
+const MARGIN: f64 = 1.1;
 
 /// A motor controller without CANopen, as its keys describe it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -12,6 +17,18 @@ pub struct ControllerConfig {
     pub device: Device,
     /// Circumference of the wheel, m.
     pub circumference: f64,
+}
+
+/// The axis of a motor controller with this gear, which turns a wheel of this circumference, m.
+pub(super) fn axis_of(gear: f64, circumference: f64, limits: &Limits) -> motorctl::Axis {
+    let radius = circumference / TAU;
+    let ramp = limits.quick_stop_mps2.max(limits.deceleration_mps2).max(limits.acceleration_mps2);
+    motorctl::Axis {
+        gear,
+        velocity_max_radps: limits.speed_mps * MARGIN / radius,
+        // Those of the base are followed; the steepest one is that of a command that was not renewed.
+        acceleration_radps2: ramp * MARGIN / radius,
+    }
 }
 
 /// Refuses a gear of 0.

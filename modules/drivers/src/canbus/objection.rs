@@ -40,7 +40,7 @@ impl Objection {
 impl Canbus {
     /// Row in `LL_DATA_HOLD`.
     pub(super) fn active_hold(&self, objection: Objection) -> ActiveHold<'_> {
-        let bus = self.config.bus.as_str();
+        let bus = self.bus_name();
         let (hold, subject) = match objection {
             Objection::Bus(hold) => (hold, bus),
             Objection::SecondMaster => (Hold::SecondMaster, bus),

@@ -8,7 +8,9 @@
 //! it. The same holds for a power controller that the robot is not configured with.
 //!
 //! A lidar whose own fields stop the robot by the configuration is such a source as the power controller:
-//! `driver_lidar` reports for it, the robot does not move without its report, and nobody overrules it.
+//! `driver_lidar` reports for it, the robot does not move without its report, and nobody overrules it. So is an input
+//! of `[stop]`: `driver_io` reports a signal, this driver reads an input of a drive by itself. An input that was known
+//! and is not any more counts as open, and so is latched.
 
 use base::{Duration, Instant, earliest};
 use messages::{Hold, StopSource, lowlevel};
@@ -16,9 +18,9 @@ use module::admission::{Origin, Process};
 
 /// `LL_EVENT_STOP` is sent every 500 ms; after this time without it the state of its source is unknown.
 pub(super) const PAUSE_TIMEOUT: Duration = Duration::from_millis(1200);
-/// `driver_lidar` reports ten times a second whether the fields of a lidar are free; after this time without it they
-/// are unknown.
-const FIELDS_TIMEOUT: Duration = Duration::from_millis(500);
+/// `driver_lidar` reports ten times a second whether the fields of a lidar are free, `driver_io` whether a signal is
+/// closed; after this time without it that is unknown. The same holds for an input that this driver reads.
+pub(super) const FIELDS_TIMEOUT: Duration = Duration::from_millis(500);
 /// Maximum number of sources beside the power controller and the lidars that are distinguished; a further one replaces
 /// the last.
 const OTHERS_MAX: usize = 8;
@@ -34,6 +36,10 @@ pub enum Paused {
     FieldsUnknown(usize),
     /// A field of a lidar is infringed, or not known, as its driver reports.
     Fields(usize),
+    /// The state of an input is not known: its place among those of the configuration.
+    InputUnknown(usize),
+    /// An input is open.
+    Input(usize),
     /// Another sender: its place among them.
     Other(usize),
     /// It was engaged, and no operator has released the robot since.
@@ -50,25 +56,45 @@ enum Controller {
     Engaged(StopSource, String),
 }
 
-/// A lidar whose own fields stop the robot.
+/// A source that must be known for the robot to move: a lidar whose own fields stop it, or an input.
 #[derive(Clone, Debug, PartialEq)]
-struct Fields {
-    /// Its name as a source: `lidar.front`.
+struct Watched {
+    /// Its name as a source: `lidar.front`, `io.estop`, `drive.left.3`.
     name: String,
-    /// Last report; `None`: there was none.
+    /// This driver reads it: no message reports its state.
+    own: bool,
+    /// Last report; `None`: there was none, or it is too old.
     engaged: Option<bool>,
     /// Instant from which on it is too old.
     until: Instant,
 }
 
-impl Fields {
-    fn reason(&self, now: Instant, place: usize) -> Option<Paused> {
+impl Watched {
+    fn new(name: &str, own: bool) -> Self {
+        Self { name: name.into(), own, engaged: None, until: Instant::ZERO }
+    }
+
+    fn take(&mut self, at: Instant, engaged: bool) {
+        (self.engaged, self.until) = (Some(engaged), at + FIELDS_TIMEOUT);
+    }
+
+    /// True if it stops the robot, false if its state is not known; `None` if it does not object.
+    fn objects(&self, now: Instant) -> Option<bool> {
         match self.engaged.filter(|_| now < self.until) {
             Some(false) => None,
-            Some(true) => Some(Paused::Fields(place)),
-            None => Some(Paused::FieldsUnknown(place)),
+            Some(true) => Some(true),
+            None => Some(false),
         }
     }
+}
+
+/// An input that stops the robot.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct InputName {
+    /// As a source of PAUSE.
+    pub name: String,
+    /// This driver reads it by itself; otherwise `driver_io` reports it.
+    pub own: bool,
 }
 
 /// Another sender that engages the line.
@@ -97,24 +123,23 @@ pub(super) struct PauseLine {
     reported: Instant,
     /// Instant from which on the controller's report is too old; absent without a controller.
     until: Option<Instant>,
-    fields: Vec<Fields>,
+    fields: Vec<Watched>,
+    inputs: Vec<Watched>,
     others: Vec<Other>,
     latched: bool,
 }
 
 impl PauseLine {
     /// `has_controller`: a power controller reports the line, and the robot does not move without its report; `fields`:
-    /// lidars whose own fields stop it, likewise, by their names as sources.
-    pub(super) fn new(has_controller: bool, fields: &[String]) -> Self {
+    /// lidars whose own fields stop it, likewise, by their names as sources; `inputs`: those that stop it, likewise.
+    pub(super) fn new(has_controller: bool, fields: &[String], inputs: &[InputName]) -> Self {
         let controller = if has_controller { Controller::Unknown } else { Controller::Open };
         Self {
             controller,
             reported: Instant::ZERO,
             until: has_controller.then_some(Instant::ZERO + PAUSE_TIMEOUT),
-            fields: fields
-                .iter()
-                .map(|name| Fields { name: name.clone(), engaged: None, until: Instant::ZERO })
-                .collect(),
+            fields: fields.iter().map(|name| Watched::new(name, false)).collect(),
+            inputs: inputs.iter().map(|input| Watched::new(&input.name, input.own)).collect(),
             others: vec![],
             latched: false,
         }
@@ -124,7 +149,7 @@ impl PauseLine {
     /// even under the name of one of its sources.
     pub(super) fn on_stop(&mut self, at: Instant, from: Origin, stop: &lowlevel::EventStop) {
         self.latched |= stop.engaged;
-        if from.due && self.on_fields(at, from, stop) {
+        if from.due && self.on_watched(at, from, stop) {
             return;
         }
         if !StopSource::is_of_line(&stop.source) || !from.due {
@@ -140,12 +165,32 @@ impl PauseLine {
         }
     }
 
-    /// Processes a report of the lidars' driver; false if it is none, or of a lidar that does not stop this robot.
-    fn on_fields(&mut self, at: Instant, from: Origin, stop: &lowlevel::EventStop) -> bool {
-        let Some(fields) = self.fields.iter_mut().find(|fields| fields.name == stop.source) else { return false };
-        (fields.engaged, fields.until) = (Some(stop.engaged), at + FIELDS_TIMEOUT);
+    /// Processes a report of the driver of the lidars, or of the signals; false if it is another report, or of a source
+    /// that does not stop this robot.
+    fn on_watched(&mut self, at: Instant, from: Origin, stop: &lowlevel::EventStop) -> bool {
+        self.expire(at);
+        let mut watched = self.fields.iter_mut().chain(&mut self.inputs);
+        let Some(watched) = watched.find(|watched| !watched.own && watched.name == stop.source) else { return false };
+        watched.take(at, stop.engaged);
         self.forget_early(from, |name| name == stop.source);
         true
+    }
+
+    /// An input that this driver reads, by its place, was read at `at`.
+    pub(super) fn on_input(&mut self, at: Instant, place: usize, open: bool) {
+        self.expire(at);
+        if let Some(input) = self.inputs.get_mut(place) {
+            self.latched |= open;
+            input.take(at, open);
+        }
+    }
+
+    /// Latches PAUSE for inputs that were known and are not any more; also before each report, which would hide a gap
+    /// in which this process was not served.
+    pub(super) fn expire(&mut self, now: Instant) {
+        for input in self.inputs.iter_mut().filter(|input| input.until <= now) {
+            self.latched |= input.engaged.take().is_some();
+        }
     }
 
     /// Forgets what a module reported before the watchdog listed its process.
@@ -175,9 +220,16 @@ impl PauseLine {
             Controller::Engaged(source, _) => Some(Paused::Engaged(*source)),
             Controller::Open => None,
         };
-        let fields = self.fields.iter().enumerate().filter_map(move |(place, fields)| fields.reason(now, place));
+        let field = move |(place, fields): (usize, &Watched)| {
+            fields.objects(now).map(|known| if known { Paused::Fields(place) } else { Paused::FieldsUnknown(place) })
+        };
+        let input = move |(place, input): (usize, &Watched)| {
+            input.objects(now).map(|known| if known { Paused::Input(place) } else { Paused::InputUnknown(place) })
+        };
+        let fields = self.fields.iter().enumerate().filter_map(field);
+        let inputs = self.inputs.iter().enumerate().filter_map(input);
         let others = (0..self.others.len()).map(Paused::Other);
-        let engaged = controller.into_iter().chain(fields).chain(others);
+        let engaged = controller.into_iter().chain(inputs).chain(fields).chain(others);
         let latched = self.latched && engaged.clone().next().is_none();
         engaged.chain(latched.then_some(Paused::Latched))
     }
@@ -191,6 +243,8 @@ impl PauseLine {
             (Paused::Engaged(source), _) => (source.hold(), source.name()),
             (Paused::FieldsUnknown(place), _) => (Hold::PauseFieldUnknown, self.lidar(place)),
             (Paused::Fields(place), _) => (Hold::PauseField, self.lidar(place)),
+            (Paused::InputUnknown(place), _) => (Hold::PauseInputUnknown, self.input(place)),
+            (Paused::Input(place), _) => (Hold::PauseInput, self.input(place)),
             (Paused::Other(place), _) => {
                 (Hold::PauseOther, self.others.get(place).map_or("", |other| other.name.as_str()))
             }
@@ -201,10 +255,15 @@ impl PauseLine {
         self.fields.get(place).map_or("", |fields| fields.name.as_str())
     }
 
-    /// True while any source is known to engage the line.
+    fn input(&self, place: usize) -> &str {
+        self.inputs.get(place).map_or("", |input| input.name.as_str())
+    }
+
+    /// True while any source is known to engage the line, or an input is not known.
     pub(super) fn is_engaged(&self) -> bool {
         matches!(self.controller, Controller::Engaged(..))
             || self.fields.iter().any(|fields| fields.engaged == Some(true))
+            || self.inputs.iter().any(|input| input.engaged != Some(false))
             || !self.others.is_empty()
     }
 
@@ -235,7 +294,8 @@ impl PauseLine {
 
     /// Next deadline after `now`.
     pub(super) fn poll_timeout(&self, now: Instant) -> Option<Instant> {
-        let fields = self.fields.iter().map(|fields| fields.until).filter(|until| now < *until).min();
+        let watched = self.fields.iter().chain(&self.inputs).map(|watched| watched.until);
+        let fields = watched.filter(|until| now < *until).min();
         earliest([self.until.filter(|until| now < *until), fields])
     }
 }
@@ -263,7 +323,7 @@ mod tests {
 
     #[test]
     fn a_source_is_not_released_by_another_one() {
-        let mut line = PauseLine::new(true, &[]);
+        let mut line = PauseLine::new(true, &[], &[]);
         line.on_stop(at(0), Origin::DUE, &stop(true, "a rope"));
         line.on_stop(at(10), Origin::DUE, &stop(true, "bumper2"));
         assert_eq!(holds(&line, at(20)), [(Hold::PauseBumper, "bumper2"), (Hold::PauseOther, "a rope")]);
@@ -278,7 +338,7 @@ mod tests {
     #[test]
     fn pause_in_the_power_controllers_name_is_not_undone_by_the_power_controller() {
         for name in ["", "button", "bumper3", "sd1_rear"] {
-            let mut line = PauseLine::new(true, &[]);
+            let mut line = PauseLine::new(true, &[], &[]);
             line.on_stop(at(0), of(true, 7), &stop(false, ""));
             line.on_stop(at(100), of(false, 300), &stop(true, name));
             assert!(!line.cuts_feed(), "only the line itself does");
@@ -300,7 +360,7 @@ mod tests {
 
     #[test]
     fn a_sender_that_fell_silent_is_overruled_by_a_person_whatever_its_name() {
-        let mut line = PauseLine::new(true, &[]);
+        let mut line = PauseLine::new(true, &[], &[]);
         line.on_stop(at(0), of(false, 300), &stop(true, "button"));
         line.on_stop(at(1000), of(true, 7), &stop(false, ""));
         line.overrule(at(1199));
@@ -311,7 +371,7 @@ mod tests {
 
     #[test]
     fn a_name_of_its_own_is_of_each_sender_too() {
-        let mut line = PauseLine::new(false, &[]);
+        let mut line = PauseLine::new(false, &[], &[]);
         line.on_stop(at(0), of(true, 300), &stop(true, "crane"));
         line.on_stop(at(10), of(true, 301), &stop(true, "crane"));
         line.on_stop(at(20), of(true, 301), &stop(false, "crane"));
@@ -322,7 +382,7 @@ mod tests {
 
     #[test]
     fn a_stranger_does_not_stand_in_for_a_silent_power_controller() {
-        let mut line = PauseLine::new(true, &[]);
+        let mut line = PauseLine::new(true, &[], &[]);
         line.on_stop(at(0), of(true, 7), &stop(false, ""));
         for ms in (100..2000).step_by(100) {
             line.on_stop(at(ms), of(false, 300), &stop(ms % 200 == 0, "button"));
@@ -332,7 +392,7 @@ mod tests {
 
     #[test]
     fn what_the_power_controller_reported_before_it_was_listed_is_its_own() {
-        let mut line = PauseLine::new(true, &[]);
+        let mut line = PauseLine::new(true, &[], &[]);
         line.on_stop(at(0), of(false, 7), &stop(true, "bumper2"));
         assert_eq!(holds(&line, at(0)), [(Hold::PauseUnknown, ""), (Hold::PauseOther, "bumper2")]);
         line.on_stop(at(500), of(true, 7), &stop(true, "bumper2"));
@@ -343,7 +403,7 @@ mod tests {
 
     #[test]
     fn a_person_does_not_overrule_the_robots_power_controller() {
-        let mut line = PauseLine::new(true, &[]);
+        let mut line = PauseLine::new(true, &[], &[]);
         line.on_stop(at(0), Origin::DUE, &stop(true, "button"));
         line.overrule(at(1100));
         assert_eq!(holds(&line, at(1100)), [(Hold::PauseButton, "button")]);
@@ -353,7 +413,7 @@ mod tests {
 
     #[test]
     fn reports_of_others_do_not_stand_in_for_the_power_controller() {
-        let mut line = PauseLine::new(true, &[]);
+        let mut line = PauseLine::new(true, &[], &[]);
         line.on_stop(at(100), Origin::DUE, &stop(false, ""));
         for ms in (200..2000).step_by(100) {
             line.on_stop(at(ms), Origin::DUE, &stop(false, "a rope"));
@@ -365,7 +425,7 @@ mod tests {
 
     #[test]
     fn the_line_stays_latched_until_an_operator_acts_after_it_is_open() {
-        let mut line = PauseLine::new(false, &[]);
+        let mut line = PauseLine::new(false, &[], &[]);
         line.on_stop(at(0), Origin::DUE, &stop(true, "button"));
         line.release();
         line.on_stop(at(10), Origin::DUE, &stop(false, ""));
@@ -375,7 +435,7 @@ mod tests {
     }
 
     fn with_fields() -> PauseLine {
-        PauseLine::new(false, &["lidar.front".into(), "lidar.rear".into()])
+        PauseLine::new(false, &["lidar.front".into(), "lidar.rear".into()], &[])
     }
 
     #[test]
@@ -433,8 +493,54 @@ mod tests {
     }
 
     #[test]
+    fn an_input_that_is_open_or_becomes_unknown_is_latched() {
+        let input = |name: &str, own| InputName { name: name.into(), own };
+        let inputs = [input("io.estop", false), input("drive.left.3", true)];
+        let mut line = PauseLine::new(false, &[], &inputs);
+        let unknown = [(Hold::PauseInputUnknown, "io.estop"), (Hold::PauseInputUnknown, "drive.left.3")];
+        assert_eq!(holds(&line, at(0)), unknown);
+        line.expire(at(0));
+        assert!(!line.is_latched(), "a robot that starts");
+        let closed = |line: &mut PauseLine, ms| {
+            line.on_stop(at(ms), of(true, 7), &stop(false, "io.estop"));
+            line.on_input(at(ms), 1, false);
+        };
+        closed(&mut line, 100);
+        assert_eq!((holds(&line, at(599)), line.poll_timeout(at(100))), (vec![], Some(at(600))));
+        // Both fall silent.
+        line.expire(at(600));
+        assert_eq!(holds(&line, at(600)), unknown);
+        line.overrule(at(5000));
+        line.release();
+        closed(&mut line, 5000);
+        assert_eq!(holds(&line, at(5000)), [(Hold::PauseLatched, "")], "a person does not overrule what is not known");
+        line.release();
+        assert_eq!(holds(&line, at(5000)), []);
+        // This process was not served meanwhile: the first report after the gap does not hide it.
+        closed(&mut line, 5550);
+        assert_eq!(holds(&line, at(5550)), [(Hold::PauseLatched, "")]);
+        line.release();
+        let mut line = PauseLine::new(false, &[], &inputs);
+        closed(&mut line, 5000);
+        assert_eq!(holds(&line, at(5000)), []);
+        // One opens.
+        line.on_input(at(5100), 1, true);
+        assert_eq!(holds(&line, at(5100)), [(Hold::PauseInput, "drive.left.3")]);
+        assert!(!line.cuts_feed(), "only the power controller's line does");
+        closed(&mut line, 5200);
+        assert_eq!(holds(&line, at(5200)), [(Hold::PauseLatched, "")]);
+        line.release();
+        // Another program in its name, and in that of an input that this driver reads.
+        line.on_stop(at(5300), of(false, 300), &stop(true, "io.estop"));
+        line.on_stop(at(5300), of(true, 300), &stop(true, "drive.left.3"));
+        assert_eq!(holds(&line, at(5300)), [(Hold::PauseOther, "io.estop"), (Hold::PauseOther, "drive.left.3")]);
+        line.on_stop(at(5400), of(true, 300), &stop(false, "drive.left.3"));
+        assert_eq!(holds(&line, at(5400)), [(Hold::PauseOther, "io.estop")]);
+    }
+
+    #[test]
     fn more_sources_than_can_be_told_apart_stay_engaged_until_a_person_overrules_them() {
-        let mut line = PauseLine::new(true, &[]);
+        let mut line = PauseLine::new(true, &[], &[]);
         line.on_stop(at(0), Origin::DUE, &stop(false, ""));
         for n in 0..=OTHERS_MAX {
             line.on_stop(at(10), Origin::DUE, &stop(true, &format!("s{n}")));
@@ -451,7 +557,7 @@ mod tests {
 
     #[test]
     fn a_person_overrules_only_senders_that_fell_silent() {
-        let mut line = PauseLine::new(false, &[]);
+        let mut line = PauseLine::new(false, &[], &[]);
         line.on_stop(at(0), Origin::DUE, &stop(true, "a rope"));
         line.on_stop(at(1000), Origin::DUE, &stop(true, "a wire"));
         line.on_stop(at(1000), Origin::DUE, &stop(true, "button"));

@@ -3,6 +3,7 @@
 
 use super::controller::Controller;
 use super::drive::{Drive, Objection, Trouble};
+use super::lines::LineEngine;
 use super::second_way::WheelWatch;
 use super::servo::Servo;
 use super::speed_monitor::Order;
@@ -37,11 +38,11 @@ pub(super) struct Propulsion {
 }
 
 impl Propulsion {
-    pub(super) fn new(own: &PropulsionConfig, config: &Config) -> Result<Self, ConfigError> {
+    pub(super) fn new(own: &PropulsionConfig, config: &Config, lines: &[LineEngine]) -> Result<Self, ConfigError> {
         let limits = &config.limits;
         let motor = match Servo::new(own, config)? {
             Some(servo) => Motor::Canopen(Box::new(servo)),
-            None => Motor::Controller(Box::new(Controller::new(own, config)?)),
+            None => Motor::Controller(Box::new(Controller::new(own, config, lines)?)),
         };
         Ok(Self {
             axis: own.axis,
@@ -91,10 +92,24 @@ impl Propulsion {
         let Some(controller) = self.controller_mut().filter(|controller| controller.is_own(frame)) else {
             return false;
         };
-        if let Some(speed) = controller.on_frame(now, frame, out) {
+        controller.on_frame(now, frame, out);
+        self.take_speed();
+        true
+    }
+
+    /// The device of this serial line has received bytes, or time has passed.
+    pub(super) fn on_line(&mut self, now: Instant, line: usize, out: &mut Actions) {
+        if let Some(controller) = self.controller_mut().filter(|controller| controller.line() == Some(line)) {
+            controller.serve(now, out);
+            self.take_speed();
+        }
+    }
+
+    /// Takes the speed that the motor controller has measured.
+    fn take_speed(&mut self) {
+        if let Some(speed) = self.controller_mut().and_then(Controller::take_measured) {
             (self.speed, self.measured) = (speed, true);
         }
-        true
     }
 
     /// A PDO of the CANopen drive.

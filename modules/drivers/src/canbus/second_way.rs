@@ -9,7 +9,7 @@ use super::feed_output::{FeedOutput, News};
 use super::objection::Objection;
 use super::propulsion::Propulsion;
 use super::speed_monitor::{Alarm, MARGIN_MPS, Order, SpeedMonitor};
-use super::{Canbus, LINE, STANDSTILL_MPS, Timer};
+use super::{Canbus, STANDSTILL_MPS, Timer};
 use base::{Duration, Fault, Instant, Level, Severity};
 use canopen::axis::NotFollowing;
 use canopen::master::{LostReason, Ticket};
@@ -85,12 +85,12 @@ pub(super) struct StopWatch {
 }
 
 impl StopWatch {
-    /// `has_power`: there is a power controller.
-    pub(super) fn new(stop: &Stop, has_power: bool) -> Self {
+    /// `has_power`: there is a power controller; `line`: port of the GPIO line, if there is one.
+    pub(super) fn new(stop: &Stop, has_power: bool, line: PortId) -> Self {
         let way = match (stop.second_way, stop.output) {
             (SecondWay::Power, _) if has_power => Way::Power { off: false },
             (SecondWay::Canopen, Some(output)) => Way::Output(FeedOutput::node(output)),
-            (SecondWay::Gpio, _) if stop.feed_line().is_some() => Way::Output(FeedOutput::line(LINE)),
+            (SecondWay::Gpio, _) if stop.feed_line().is_some() => Way::Output(FeedOutput::line(line)),
             _ => Way::None,
         };
         Self { way, latched: None }
@@ -234,8 +234,9 @@ impl Canbus {
     /// Orders the feed to be cut, or to be switched on as a person commanded, if that is due.
     pub(super) fn advance_second_way(&mut self, now: Instant, out: &mut Actions) {
         let cut = self.stop_watch.latched == Some(Hold::FeedCut);
+        let bus_is_up = self.bus_is_up();
         if let Way::Output(output) = &mut self.stop_watch.way {
-            let news = output.advance(now, self.bus.is_up(), cut, &mut self.master, out);
+            let news = output.advance(now, bus_is_up, cut, &mut self.master, out);
             let words = news.map(|news| output.words(news)).unwrap_or_default();
             match news {
                 Some(News::Lost) => out.raise(Severity::Error, Fault::SecondWayLost, "", words),

@@ -49,7 +49,7 @@ impl Servo {
                 let Derived { table, parameters, units, reservations, .. } = drive.derive(&wanted, config)?;
                 (table, parameters, units, reservations)
             }
-            PropulsionDrive::Controller(_) => return Ok(None),
+            PropulsionDrive::Controller(_) | PropulsionDrive::OnLine { .. } => return Ok(None),
         };
         let drive = Drive::new(own.axis.name(), own.node, &table, reservations);
         Ok(Some(Self { drive, table, parameters, units, target: 0 }))

@@ -2,7 +2,7 @@
 //! estimate.
 
 use super::NAME;
-use super::pause::{PauseLine, Paused};
+use super::pause::{InputName, PauseLine, Paused};
 use super::ranging::Ranging;
 use base::{Deadlines, Duration, Fault, Instant, earliest};
 use messages::{Hold, common, lowlevel, middlelevel};
@@ -77,14 +77,14 @@ pub struct Surroundings {
 }
 
 impl Surroundings {
-    /// Creates the state with nothing received. `has_pause_line`: a power controller reports the PAUSE line; `fields`:
-    /// lidars whose own fields stop the robot; `guarded`: a watchdog started this process.
+    /// Creates the state with nothing received. `has_pause_line`: a power controller reports the PAUSE line; the pair:
+    /// lidars whose own fields stop the robot, and inputs that do; `guarded`: a watchdog started this process.
     #[must_use]
-    pub fn new(
+    pub(super) fn new(
         critical: Vec<String>,
         planning: Vec<String>,
         has_pause_line: bool,
-        fields: &[String],
+        (fields, inputs): (&[String], &[InputName]),
         guarded: bool,
         ranging: Ranging,
     ) -> Self {
@@ -92,7 +92,7 @@ impl Surroundings {
         if guarded {
             deadlines.set(Timer::Watchdog, Instant::ZERO);
         }
-        let pause = PauseLine::new(has_pause_line, fields);
+        let pause = PauseLine::new(has_pause_line, fields, inputs);
         let (critical_missing, planning_missing) = (Vec::new(), Vec::new());
         Self {
             critical,
@@ -237,7 +237,7 @@ mod tests {
     }
 
     fn surroundings(critical: Vec<String>, planning: Vec<String>, has_pause_line: bool) -> Surroundings {
-        Surroundings::new(critical, planning, has_pause_line, &[], false, Ranging::new(&[], Duration::ZERO))
+        Surroundings::new(critical, planning, has_pause_line, (&[], &[]), false, Ranging::new(&[], Duration::ZERO))
     }
 
     fn at(ms: u64) -> Instant {
@@ -373,7 +373,7 @@ mod tests {
     #[test]
     fn a_process_that_a_watchdog_started_waits_for_it() {
         let no_boards = Ranging::new(&[], Duration::ZERO);
-        let mut around = Surroundings::new(vec![], vec![], false, &[], true, no_boards);
+        let mut around = Surroundings::new(vec![], vec![], false, (&[], &[]), true, no_boards);
         assert_eq!(around.objection(at(0)), Some(Objection::WatchdogUnheard));
         assert_eq!(around.objection(at(60_000)), Some(Objection::WatchdogUnheard));
         assert!(around.is_restarted(), "not known");

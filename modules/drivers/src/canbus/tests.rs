@@ -10,6 +10,7 @@ mod holds;
 mod homing;
 mod hostile;
 mod layout;
+mod lines;
 mod motor;
 mod pause;
 mod ranging;
@@ -18,8 +19,8 @@ mod velocity;
 mod wheels;
 
 use super::{
-    Axis, Canbus, Config, GpioConfig, HomingRelease, LINE, NAME, OutputConfig, PauseStop, PropulsionConfig,
-    PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, Stop,
+    Axis, Canbus, Config, GpioConfig, HomingRelease, NAME, OutputConfig, PauseStop, PropulsionConfig, PropulsionDrive,
+    SecondWay, SteeringConfig, SteeringDrive, Stop, StopInput,
 };
 use base::gpio::{LineId, Signal};
 use base::{Duration, Fault, Instant, Report, Severity, can};
@@ -35,10 +36,13 @@ use settings::Section as _;
 use settings::robot::Limits;
 
 const MS: Duration = Duration::from_millis(1);
+/// Port of the GPIO line that feeds the motors.
+const LINE: PortId = PortId(1);
 
 pub(super) fn config() -> Config {
     Config {
-        bus: "can.main".into(),
+        bus: Some("can.main".into()),
+        lines: Vec::new(),
         bitrate: 1_000_000,
         node_id: 127,
         sync: None,

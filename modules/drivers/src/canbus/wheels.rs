@@ -2,6 +2,7 @@
 
 use super::controller::Controller;
 use super::drive::Drive;
+use super::lines::LineEngine;
 use super::propulsion::Propulsion;
 use super::servo::Servo;
 use super::{Axis, Config, ConfigError};
@@ -13,8 +14,9 @@ use kinematics::{PerWheel, WheelState};
 pub(super) struct Wheels(Vec<Propulsion>);
 
 impl Wheels {
-    pub(super) fn new(config: &Config) -> Result<Self, ConfigError> {
-        let wheels: Result<Vec<_>, _> = config.wheels.iter().map(|own| Propulsion::new(own, config)).collect();
+    /// `lines`: the devices of the serial lines.
+    pub(super) fn new(config: &Config, lines: &[LineEngine]) -> Result<Self, ConfigError> {
+        let wheels: Result<Vec<_>, _> = config.wheels.iter().map(|own| Propulsion::new(own, config, lines)).collect();
         wheels.map(Self)
     }
 
@@ -47,6 +49,11 @@ impl Wheels {
 
     pub(super) fn controllers_mut(&mut self) -> impl Iterator<Item = &mut Controller> {
         self.0.iter_mut().filter_map(Propulsion::controller_mut)
+    }
+
+    /// The motor controllers on a serial line, or with `None` on CAN.
+    pub(super) fn controllers_on(&mut self, line: Option<usize>) -> impl Iterator<Item = &mut Controller> {
+        self.controllers_mut().filter(move |controller| controller.line() == line)
     }
 
     /// The wheel whose drive is this node of CANopen.

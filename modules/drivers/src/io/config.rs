@@ -411,6 +411,8 @@ pub struct Config {
     pub batteries: Vec<BatteryKeys>,
     /// What outputs show.
     pub signals: Shows,
+    /// Inputs that stop the robot (`[stop]`).
+    pub stops: Vec<String>,
 }
 
 listed! {
@@ -423,6 +425,8 @@ listed! {
         Count => "more than 500 signals, or more than 250 lines and buses",
         /// Two signals of one name.
         Name => "two signals have the same name",
+        /// `[stop]` names no input.
+        Stop => "[stop] names an input that there is not",
         /// A battery names no signal.
         Battery => "a battery names a signal that there is not",
         /// An entry of `[signals]` names no output, or a value that the output does not take.

@@ -8,6 +8,8 @@ use module::{Action, Actions, Input, Output, PortId};
 
 /// Period in which a line is read, beside its events, and an output is written.
 const PERIOD: Duration = Duration::from_millis(500);
+/// The same of an input that stops the robot.
+const STOP_PERIOD: Duration = Duration::from_millis(100);
 /// Older values are not valid.
 pub(super) const AGE_MAX: Duration = Duration::from_millis(1500);
 
@@ -23,14 +25,17 @@ pub(super) struct GpioLine {
     asked: bool,
     /// Level that was written last.
     sent: Option<bool>,
+    period: Duration,
     due: Instant,
 }
 
 impl GpioLine {
-    pub fn new(config: &Gpio, port: PortId, signals: &[Signal]) -> Self {
+    /// `stops`: it stops the robot.
+    pub fn new(config: &Gpio, port: PortId, signals: &[Signal], stops: bool) -> Self {
+        let period = if stops { STOP_PERIOD } else { PERIOD };
         // It is one of the signals, which were made of the same configuration.
         let signal = place(signals, &config.keys.name).unwrap_or_default();
-        Self { port, bus: config.bus.clone(), signal, up: None, asked: false, sent: None, due: Instant::ZERO }
+        Self { port, bus: config.bus.clone(), signal, up: None, asked: false, sent: None, period, due: Instant::ZERO }
     }
 
     pub fn works(&self) -> Option<bool> {
@@ -78,7 +83,7 @@ impl GpioLine {
             let target = self.target(signals);
             let wire = target.map_or(Wire::Read, Wire::Level);
             out.push(Action::Send(self.port, Output::Gpio(wire)));
-            (self.asked, self.sent, self.due) = (true, target, now + PERIOD);
+            (self.asked, self.sent, self.due) = (true, target, now + self.period);
         }
     }
 

@@ -82,13 +82,23 @@ impl Signal {
     }
 
     fn expiry(&self) -> Option<Instant> {
-        // An age equal to the limit is valid.
-        self.at.filter(|_| !self.value.is_nan()).map(|at| at + self.age_max + Duration::from_nanos(1))
+        self.too_old(self.age_max)
     }
 
     /// The value, if it is known and not too old.
     pub fn valid(&self, now: Instant) -> Option<f64> {
         self.expiry().filter(|expiry| now < *expiry).map(|_| self.value)
+    }
+
+    /// The value, if it is known and not older than `age_max`.
+    pub fn recent(&self, now: Instant, age_max: Duration) -> Option<f64> {
+        self.too_old(age_max).filter(|old| now < *old).map(|_| self.value)
+    }
+
+    /// From when on the present value is older than that.
+    pub fn too_old(&self, age_max: Duration) -> Option<Instant> {
+        // An age equal to the limit is valid.
+        self.at.filter(|_| !self.value.is_nan()).map(|at| at + age_max + Duration::from_nanos(1))
     }
 
     /// True if value or validity changed since the last call.

@@ -105,6 +105,7 @@ fn config(line: Line) -> Config {
         power: Vec::new(),
         batteries: vec![battery],
         signals: Shows { signal: Duration::from_secs(2), speed_mps: 0.02, turn_radps: 0.1, show: Vec::new() },
+        stops: Vec::new(),
     }
 }
 
@@ -496,6 +497,64 @@ fn hostile_words_and_levels_stop_nothing() {
     rig.device.reset();
     rig.run(3000);
     assert_eq!(rig.value("volts"), (243.0 * 0.1, true));
+}
+
+/// States of a source of PAUSE, as they were published.
+fn stops(rig: &Rig, source: &str) -> Vec<bool> {
+    let stops = rig.published(|message| match message {
+        Message::LlEventStop(stop) => Some(stop),
+        _ => None,
+    });
+    stops.iter().filter(|stop| stop.source == source).map(|stop| stop.engaged).collect()
+}
+
+#[test]
+fn an_input_of_stop_that_bounces_is_open_and_floods_nothing() {
+    let mut rig = Rig::of(Line::Tcp, Config { stops: vec!["door".into()], ..config(Line::Tcp) });
+    rig.run(1000);
+    let before = stops(&rig, "io.door").len();
+    for n in 0..1000 {
+        rig.gpio(DOOR, n % 2 == 1);
+        assert_eq!(stops(&rig, "io.door").last(), Some(&true), "it was open within 100 ms");
+        rig.run(1);
+    }
+    let after = stops(&rig, "io.door").len() - before;
+    assert!((10..=21).contains(&after), "{after} messages in a second");
+    rig.run(150);
+    assert_eq!(stops(&rig, "io.door").last(), Some(&false));
+}
+
+#[test]
+fn an_input_of_stop_is_reported_ten_times_a_second_and_is_open_when_it_is_not_known() {
+    let config = config(Line::Tcp);
+    let mut rig = Rig::of(Line::Tcp, Config { stops: vec!["door".into(), "button".into()], ..config });
+    rig.device.faults.unplugged = true;
+    rig.run(1000);
+    assert_eq!(stops(&rig, "io.button"), [], "it was never read");
+    rig.device.faults.unplugged = false;
+    rig.run(2000);
+    for source in ["io.door", "io.button"] {
+        let closed = stops(&rig, source);
+        assert!(closed.len() >= 9 && closed.iter().all(|engaged| !engaged), "{source}: {closed:?}");
+    }
+    rig.gpio(DOOR, false);
+    assert_eq!(stops(&rig, "io.door").last(), Some(&true), "at once");
+    rig.run(200);
+    assert_eq!(stops(&rig, "io.door").last(), Some(&false), "the next reading");
+    // The line and the device fall silent, one after the other.
+    let down = Input::Down("gone");
+    rig.bench.event(Event::Port { port: DOOR, input: down });
+    rig.run(600);
+    assert_eq!(stops(&rig, "io.door").last(), Some(&true));
+    rig.device.faults.unplugged = true;
+    rig.run(600);
+    assert_eq!(stops(&rig, "io.button").last(), Some(&true));
+    rig.device.faults.unplugged = false;
+    rig.run(1500);
+    assert_eq!(stops(&rig, "io.button").last(), Some(&false));
+    rig.device.set(Table::DiscreteInputs, 0, 0);
+    rig.run(150);
+    assert_eq!(stops(&rig, "io.button").last(), Some(&true));
 }
 
 fn show(output: &str, when: Situation, pattern: &str) -> ShowKeys {

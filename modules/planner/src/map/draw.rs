@@ -7,6 +7,7 @@ type Point = (f64, f64);
 
 impl Map {
     /// Creates a map of walls, round columns and filled areas, large enough for all of them and for the point `within`.
+    /// Its cells are at multiples of the resolution: shapes within the cells of such a grid occupy the same cells here.
     ///
     /// # Errors
     /// A coordinate is not a number, or the coordinates are too far apart.
@@ -23,6 +24,7 @@ impl Map {
         let (low, high) = all.fold((within, within), |(low, high), (x, y)| {
             ((low.0.min(x), low.1.min(y)), (high.0.max(x), high.1.max(y)))
         });
+        let low = (multiple(low.0, resolution), multiple(low.1, resolution));
         // One cell of margin, so that shapes that end on a cell's edge are drawn as well.
         let mut map = Self::around(
             (low.0 - resolution, low.1 - resolution),
@@ -99,6 +101,12 @@ impl Map {
             }
         }
     }
+}
+
+/// Greatest multiple of a resolution up to `at`; `at` itself if only rounding separates it from one.
+fn multiple(at: f64, resolution: f64) -> f64 {
+    let cells = at / resolution;
+    if libm::fabs(cells - libm::round(cells)) < 1e-6 { at } else { libm::floor(cells) * resolution }
 }
 
 /// Range of cells from `low` to `high`, both in cells; `None` if it is outside `0..count` or not a number.

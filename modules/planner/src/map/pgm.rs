@@ -81,6 +81,18 @@ pub fn read(bytes: &[u8]) -> Result<Picture, PgmError> {
     Ok(Picture { width, height, max, grey })
 }
 
+/// Writes a raw picture (P5): a byte per pixel, two if white is above 255. [`read`] reads the same.
+#[must_use]
+pub fn write(picture: &Picture) -> Vec<u8> {
+    let mut bytes = format!("P5\n{} {}\n{}\n", picture.width, picture.height, picture.max).into_bytes();
+    for grey in &picture.grey {
+        let [high, low] = grey.to_be_bytes();
+        bytes.extend((picture.max > 255).then_some(high));
+        bytes.push(low);
+    }
+    bytes
+}
+
 struct Reader<'a> {
     bytes: &'a [u8],
     at: usize,

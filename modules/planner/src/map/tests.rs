@@ -85,6 +85,12 @@ fn a_map_of_shapes_holds_them_all() {
         assert_eq!(map.at(x, y), Some(Cell::Occupied), "{x}, {y}");
     }
     assert_eq!(map.at(0.0, 9.0), Some(Cell::Free));
+    // Walls just within cells occupy these, wherever the drawing begins.
+    let walls = [((0.02, 0.0501), (1.0199, 0.0501)), ((0.02, 0.0501), (0.02, 1.0199))];
+    let map = Map::drawn(&walls, &[], &[], (0.5, 0.5), 0.05).unwrap();
+    assert!((map.frame().x + 0.05).abs() < 1e-9 && map.frame().y.abs() < 1e-9, "{:?}", map.frame());
+    assert_eq!((map.at(0.5, 0.075), map.at(0.5, 0.125)), (Some(Cell::Occupied), Some(Cell::Free)));
+    assert_eq!((map.at(0.025, 0.5), map.at(0.075, 0.5)), (Some(Cell::Occupied), Some(Cell::Free)));
     assert!(Map::drawn(&[((0.0, 0.0), (1e9, 1e9))], &[], &[], (0.0, 0.0), 0.05).is_err());
     assert!(Map::drawn(&[((0.0, 0.0), (1.0, f64::INFINITY))], &[], &[], (0.0, 0.0), 0.05).is_err());
 }
@@ -254,5 +260,13 @@ fn the_distance_from_a_map_is_0_within_its_edges() {
     for (x, y, away) in [(-1.0, 2.0, 0.0), (2.0, 4.0, 0.0), (0.0, 3.0, 0.0), (-2.0, 3.0, 1.0), (5.0, 8.0, 5.0)] {
         assert_eq!(frame.distance(x, y), away, "{x}, {y}");
         assert_eq!(frame.is_outside(x, y), away > 0.0, "{x}, {y}");
+    }
+}
+
+#[test]
+fn a_written_picture_is_read_again() {
+    for (max, grey) in [(255, vec![0, 205, 254, 255, 7, 10]), (65535, vec![0, 256, 65535, 255, 2570, 13])] {
+        let picture = pgm::Picture { width: 3, height: 2, max, grey };
+        assert_eq!(pgm::read(&pgm::write(&picture)).unwrap(), picture);
     }
 }

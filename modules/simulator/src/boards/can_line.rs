@@ -72,14 +72,15 @@ impl CanLine {
         true
     }
 
-    /// Injects a fault into a node that does not concern its drive; false if it is none.
+    /// Injects a fault into a node that does not concern its drive; false if it is no such fault. Without `objects`
+    /// it is no CANopen node, and has no second one.
     pub fn inject_node(
         &mut self,
         now: Instant,
         node: u8,
         injected: InjectedFault,
         until: Instant,
-        objects: Dictionary,
+        objects: Option<Dictionary>,
     ) -> bool {
         match injected {
             InjectedFault::Babble { id, .. } => {
@@ -88,6 +89,7 @@ impl CanLine {
                 self.babblers.push(Babbler { node, frame: Frame::standard(id, &[0; 8]), until, next: now });
             }
             InjectedFault::Clash => {
+                let Some(objects) = objects else { return false };
                 let mut twin = Node::new(objects, Duration::ZERO);
                 twin.power_on(now);
                 self.twins.retain(|(other, ..)| *other != node);

@@ -21,6 +21,9 @@ enum Device {
     Cia402(Box<Cia402>),
 }
 
+/// Digital inputs that are no limit or reference switches (CiA 402: bits 0 to 2): closed, unless one is opened.
+const CLOSED: i64 = 0xFFFF_FFF8;
+
 /// A node and what is behind it.
 pub(super) struct CanopenDrive {
     device: Device,
@@ -29,6 +32,8 @@ pub(super) struct CanopenDrive {
     turned: f64,
     /// Of a wheel.
     pub encoder: Option<Encoder>,
+    /// A digital input that is open, and until when.
+    opened: Option<(u8, Instant)>,
 }
 
 impl CanopenDrive {
@@ -49,7 +54,7 @@ impl CanopenDrive {
             DriveKind::Controller { .. } => return None,
         };
         let node = node(dictionary);
-        Some(Self { device, layout: Layout::Usual, node, turned: 0.0, encoder })
+        Some(Self { device, layout: Layout::Usual, node, turned: 0.0, encoder, opened: None })
     }
 
     /// Switches it on, or off and on again.
@@ -215,11 +220,13 @@ impl CanopenDrive {
     }
 
     pub fn rests(&self) -> bool {
-        match &self.device {
-            Device::Epos(epos) => epos.rests(),
-            Device::Icla(icla) => icla.rests(),
-            Device::Cia402(cia402) => cia402.rests(),
-        }
+        // The end of an open input is noticed by a step.
+        self.opened.is_none()
+            && match &self.device {
+                Device::Epos(epos) => epos.rests(),
+                Device::Icla(icla) => icla.rests(),
+                Device::Cia402(cia402) => cia402.rests(),
+            }
     }
 
     /// Goes on by `dt` s; answers what it demands of its axis.
@@ -248,11 +255,23 @@ impl CanopenDrive {
     /// Copies the drive's measurements to the node's objects.
     fn measure(&mut self, now: Instant, body: &Body) {
         let reading = read(self.encoder.as_ref(), body);
+        self.opened.take_if(|(_, until)| *until <= now);
+        let inputs = self.opened.map_or(CLOSED, |(bit, _)| CLOSED & !(1 << bit));
         match &mut self.device {
             Device::Epos(epos) => epos.feedback(&mut self.node, body, reading),
-            Device::Icla(icla) => icla.feedback(&mut self.node, body, self.turned),
-            Device::Cia402(cia402) => cia402.feedback(now, &mut self.node, body, self.turned, reading),
+            Device::Icla(icla) => icla.feedback(&mut self.node, body, self.turned, inputs),
+            Device::Cia402(cia402) => cia402.feedback(now, &mut self.node, body, (self.turned, inputs), reading),
         }
+    }
+
+    /// Opens a digital input until then, or closes all; false for a drive that has none.
+    pub fn open(&mut self, bit: Option<u8>, until: Instant) -> bool {
+        match (bit, &mut self.opened) {
+            (Some(bit), opened) => *opened = Some((bit, until)),
+            (None, Some((_, end))) => *end = until,
+            (None, None) => {}
+        }
+        self.node.get(0x60FD, 0).is_some()
     }
 
     pub fn poll_tx(&mut self) -> Option<Frame> {

@@ -355,16 +355,23 @@ impl Cia402 {
         }
     }
 
-    /// Writes what the drive measures into its objects; `turned`: how fast the steering turns, rad/s; `reading`: of a
-    /// wheel's encoder.
-    pub fn feedback(&mut self, now: Instant, node: &mut Node, body: &Body, turned: f64, reading: Reading) {
+    /// Writes what the drive measures into its objects; `turned`: how fast the steering turns, rad/s, and the
+    /// digital inputs but the switch; `reading`: of a wheel's encoder.
+    pub fn feedback(
+        &mut self,
+        now: Instant,
+        node: &mut Node,
+        body: &Body,
+        (turned, inputs): (f64, i64),
+        reading: Reading,
+    ) {
         self.sensed = self.sense(body, turned, reading);
         self.servo.sense(&self.sensed);
         if self.loops_speed() {
             self.servo.resync(&self.sensed);
         }
         let [mode, demanded, position, velocity_demanded, velocity, lag] = self.servo.measured(&self.sensed);
-        let inputs = i64::from(self.sensed.home) << 2;
+        let inputs = inputs | i64::from(self.sensed.home) << 2;
         let status = i64::from(self.status());
         let objects = [position, demanded, lag, velocity_demanded, velocity, (0x60FD, inputs), mode, (0x6041, status)];
         self.mirror.write(node, objects);

@@ -68,6 +68,15 @@ impl DriveKind {
         }
     }
 
+    /// Node id and endpoints of an ODrive; none: it is another drive.
+    #[must_use]
+    pub fn odrive(&self) -> Option<(u8, motorctl::odrive::Endpoints)> {
+        match self {
+            Self::Controller { device: can::Device::Odrive(device), .. } => Some((device.node, device.endpoints)),
+            _ => None,
+        }
+    }
+
     /// The objects of a new drive with this node id; none: it is no CANopen node.
     pub(crate) fn dictionary(&self, node: u8) -> Option<Dictionary> {
         match self {
@@ -106,6 +115,27 @@ pub(crate) enum Disobedience {
     Runaway(f64),
 }
 
+/// Whether the drive of a wheel obeys, and until when it does not.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Obedience(Option<(Disobedience, Instant)>);
+
+impl Obedience {
+    /// From now until then it disobeys, or obeys.
+    pub fn set(&mut self, how: Option<Disobedience>, until: Instant) {
+        self.0 = how.map(|how| (how, until));
+    }
+
+    /// Demand for a wheel that is commanded to roll at `demand` and does so at `speed`, m/s.
+    pub fn demand(self, now: Instant, demand: f64, speed: f64) -> f64 {
+        match self.0.filter(|(_, until)| now < *until) {
+            Some((Disobedience::Unbraked, _)) if demand.abs() < speed.abs() || demand * speed < 0.0 => speed,
+            Some((Disobedience::Runaway(by), _)) if demand != 0.0 => demand + by.copysign(demand),
+            Some((Disobedience::Runaway(by), _)) if speed != 0.0 => by.copysign(speed),
+            _ => demand,
+        }
+    }
+}
+
 /// What is behind the frames.
 enum End {
     Canopen(Box<CanopenDrive>),
@@ -118,8 +148,7 @@ pub(crate) struct Drive {
     end: End,
     /// Neither receives nor sends until this instant.
     pub silent_until: Instant,
-    /// Disobeys until this instant.
-    disobeys: Option<(Disobedience, Instant)>,
+    obedience: Obedience,
     now: Instant,
 }
 
@@ -133,7 +162,7 @@ impl Drive {
             (Some(node), _) => End::Canopen(Box::new(node)),
             (None, _) => unreachable!("every other kind has a node"),
         };
-        Self { config, end, silent_until: Instant::ZERO, disobeys: None, now: Instant::ZERO }
+        Self { config, end, silent_until: Instant::ZERO, obedience: Obedience::default(), now: Instant::ZERO }
     }
 
     /// What it moves.
@@ -159,9 +188,17 @@ impl Drive {
         }
     }
 
+    /// Opens a digital input until then, or closes all; false for a drive that has none.
+    pub fn open(&mut self, bit: Option<u8>, until: Instant) -> bool {
+        match &mut self.end {
+            End::Canopen(node) => node.open(bit, until),
+            End::Controller(_) => false,
+        }
+    }
+
     /// From now until then it disobeys, or obeys; false for the steering.
     pub fn disobey(&mut self, how: Option<Disobedience>, until: Instant) -> bool {
-        self.disobeys = how.map(|how| (how, until));
+        self.obedience.set(how, until);
         matches!(self.axis(), Axis::Wheel(_))
     }
 
@@ -175,16 +212,6 @@ impl Drive {
         match &mut self.end {
             End::Canopen(node) => node.encoder.as_mut(),
             End::Controller(controller) => Some(&mut controller.encoder),
-        }
-    }
-
-    /// Demand for a wheel that is commanded to roll at `demand` and does so at `speed`, m/s.
-    fn disobeyed(&self, now: Instant, demand: f64, speed: f64) -> f64 {
-        match self.disobeys.filter(|(_, until)| now < *until) {
-            Some((Disobedience::Unbraked, _)) if demand.abs() < speed.abs() || demand * speed < 0.0 => speed,
-            Some((Disobedience::Runaway(by), _)) if demand != 0.0 => demand + by.copysign(demand),
-            Some((Disobedience::Runaway(by), _)) if speed != 0.0 => by.copysign(speed),
-            _ => demand,
         }
     }
 
@@ -256,7 +283,7 @@ impl Drive {
         }?;
         match self.axis() {
             Axis::Wheel(wheel) => {
-                let demand = self.disobeyed(now, demand, body.wheel_speed(wheel.into()));
+                let demand = self.obedience.demand(now, demand, body.wheel_speed(wheel.into()));
                 self.encoder()?.controlled(demand, body)
             }
             Axis::Steering => Some(demand),

@@ -142,8 +142,9 @@ impl Icla {
         Some(demand.demand / self.gearing.counts_per_radian())
     }
 
-    /// Writes what the drive measures into its objects; `speed` is the steering's, rad/s.
-    pub fn feedback(&mut self, node: &mut Node, body: &Body, speed: f64) {
+    /// Writes what the drive measures into its objects; `speed` is the steering's, rad/s; `inputs`: its digital inputs
+    /// but the switch.
+    pub fn feedback(&mut self, node: &mut Node, body: &Body, speed: f64, inputs: i64) {
         let sensed = self.sensed(body, speed);
         // The gear holds the wheels: without power they stand.
         self.servo.sense(&Sensed { speed: 0.0, ..sensed });
@@ -154,7 +155,7 @@ impl Icla {
             lag,
             velocity_demanded,
             velocity,
-            (0x60FD, i64::from(body.switch_closed()) << 2),
+            (0x60FD, inputs | i64::from(body.switch_closed()) << 2),
             mode,
             (0x6041, i64::from(self.status(&sensed))),
         ];

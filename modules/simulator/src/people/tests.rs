@@ -1,7 +1,7 @@
 //! How people walk, give way, and touch the robot.
 
 use super::*;
-use crate::world::Segment;
+use crate::world::{Segment, Walker};
 
 const OUTLINE: (f64, f64, f64) = (-0.15, 0.75, 0.30);
 
@@ -204,4 +204,38 @@ fn those_who_look_step_aside_for_a_robot_that_comes_slowly() {
 fn those_who_look_see_a_robot_that_comes_fast_in_time() {
     let contacts = run_down(0.8);
     assert!(contacts.len() <= 3, "eight, if they saw it by distance alone: {contacts:?}");
+}
+
+#[test]
+fn a_walker_goes_to_and_fro_and_one_with_one_point_stands() {
+    let mut world = hall(0);
+    let [a, b, c] = [(12.0, 2.0), (18.0, 2.0), (3.0, 3.0)].map(|(x, y)| Point { x, y });
+    world.walkers = vec![Walker { points: vec![a, b] }, Walker { points: vec![c] }];
+    world.check().unwrap();
+    let robot = standing(Pose::new(10.0, 6.0, 0.0));
+    let (people, seen) = walk(&world, 1, 600, &robot);
+    assert_eq!(people.count(), 2);
+    let mut ends = vec![];
+    for at in &seen {
+        for (name, end) in [('a', a), ('b', b)] {
+            if at[0].distance(end) < 0.5 && ends.last() != Some(&name) {
+                ends.push(name);
+            }
+        }
+        assert!((at[0].y - 2.0).abs() < 1.0, "{:?} is far from his way", at[0]);
+        assert!(at[1].distance(c) < 0.05, "{:?} does not stand", at[1]);
+    }
+    assert!(ends.starts_with(&['a', 'b', 'a', 'b', 'a']), "{ends:?} in a minute");
+}
+
+#[test]
+fn walkers_change_nothing_for_visitors_of_the_same_seed_at_first_and_none_begins_in_the_robot() {
+    let robot = standing(Pose::new(10.0, 6.0, 0.0));
+    let mut world = hall(5);
+    let alone = People::new(&world, 1, &robot).at(0).collect::<Vec<_>>();
+    world.walkers = vec![Walker { points: vec![Point { x: 10.2, y: 6.0 }] }];
+    let with = People::new(&world, 1, &robot).at(0).collect::<Vec<_>>();
+    assert_eq!(alone, with);
+    assert!(World { walkers: vec![Walker::default()], ..World::hall(20.0, 12.0) }.check().is_err(), "no point");
+    assert!(world.check().is_err(), "he begins where the robot starts");
 }

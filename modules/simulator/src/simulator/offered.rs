@@ -1,6 +1,6 @@
 //! What can be broken: found by trying everything on everything, so that no list can differ from what is done.
 
-use super::{Config, FeedLine, FeedOutput, ROBOT, Simulator, boards};
+use super::{Config, DriveLine, FeedLine, FeedOutput, ROBOT, Simulator, boards};
 use crate::faults::{InjectedFault, NAMES};
 use crate::gamepad::{self, Gamepad};
 use crate::world::World;
@@ -34,11 +34,12 @@ impl Simulator {
         offered
     }
 
-    /// All names: drives, output, GPIO line, boards, chips, thermometers, temperatures of the computer, then buses,
-    /// those of Modbus, computers, the lidars and the inertial measurement units last.
+    /// All names: drives, motors on serial lines, output, GPIO line, boards, chips, thermometers, temperatures of the
+    /// computer, then buses, those of Modbus, computers, the lidars and the inertial measurement units last.
     fn targets(&mut self) -> Vec<String> {
         let config = &self.config;
         let mut targets: Vec<String> = self.drives.iter().map(|drive| drive.config.name.clone()).collect();
+        targets.extend(self.drive_lines.iter().flat_map(DriveLine::motors).map(String::from));
         targets.extend(self.output.iter().map(|_| FeedOutput::NAME.into()));
         targets.extend(self.feed_line.iter().map(|_| FeedLine::NAME.into()));
         targets.extend(boards(&mut self.lines).map(|board| board.name.clone()));
@@ -46,6 +47,7 @@ impl Simulator {
         targets.extend(config.w1.iter().flat_map(|w1| &w1.thermometers).map(|(_, name)| name.clone()));
         targets.extend(config.host.iter().flat_map(|host| &host.sensors).map(|(_, name)| name.clone()));
         targets.extend(config.can.iter().map(|can| can.bus.clone()));
+        targets.extend(config.drive_lines.iter().map(|line| line.bus.clone()));
         targets.extend(config.serial.iter().map(|serial| serial.bus.clone()));
         targets.extend(config.modbus.iter().map(|modbus| modbus.bus.clone()));
         targets.extend(config.computers.iter().map(|computer| computer.channel.1.clone()));
@@ -60,6 +62,7 @@ mod tests {
     use super::*;
     use crate::auxiliary::{I2cConfig, W1Config};
     use crate::boards::drive::{DriveConfig, DriveKind};
+    use crate::boards::drive_line::{DriveLineConfig, MotorConfig};
     use crate::boards::icla::Gearing;
     use crate::boards::output::OutputConfig;
     use crate::simulator::{BoardConfig, BoardKind, CanConfig, SerialConfig};
@@ -67,6 +70,16 @@ mod tests {
     use module::bench::Bench;
     use module::{Shell, ShellConfig};
     use rs485::crc::Crc8;
+
+    fn drive_line() -> DriveLineConfig {
+        let motor = |name: &str| MotorConfig { name: name.into(), wheel: 0, gear: 8.0 };
+        DriveLineConfig {
+            bus: "serial.wheels".into(),
+            baud: 115_200,
+            device: motorctl::serial::Device::RoboClaw(motorctl::roboclaw::Device::EXAMPLE),
+            motors: vec![motor("left"), motor("right")],
+        }
+    }
 
     fn config() -> Config {
         let drive = |name: &str, node, kind| DriveConfig { name: name.into(), node, kind };
@@ -93,6 +106,7 @@ mod tests {
                 thermometers: vec![(base::w1::Rom::new(0x28, 1).unwrap(), "cabin".into())],
                 switches: Vec::new(),
             }),
+            drive_lines: vec![drive_line()],
             gamepad: Some("joystick".into()),
             line: Some("stop.gpio".into()),
             wire_time: true,
@@ -124,6 +138,8 @@ mod tests {
             "gamepad",
             "propulsion",
             "steering",
+            "left",
+            "right",
             "output",
             "line",
             "so1",
@@ -132,6 +148,7 @@ mod tests {
             "fan1",
             "cabin",
             "can.main",
+            "serial.wheels",
             "rs485.a",
         ];
         assert_eq!(targets, all);
@@ -143,6 +160,10 @@ mod tests {
         }
         let of = |target: &str| offered.iter().find(|(name, _)| name == target).unwrap().1.as_slice();
         assert!(of("psc1").contains(&"bumper") && of("psc1").contains(&"battery") && !of("so1").contains(&"bumper"));
+        assert!(
+            of("left").contains(&"garbled")
+                && of("serial.wheels") == ["noise", "cut", "loss", "duplicate", "delay", "none"]
+        );
         assert!(of("steering").contains(&"layout") && !of("propulsion").contains(&"layout"));
     }
 }

@@ -1,5 +1,6 @@
 // The map under the hand: a goal by a tap and a confirmation, a route, the robot's own position.
 import { deepEqual, equal, match, ok } from "node:assert/strict";
+import { readFile } from "node:fs/promises";
 import type { Locator } from "playwright-core";
 import { HOLD } from "../src/numbers";
 import { PROFILES, type Visit } from "./support/browser";
@@ -222,3 +223,32 @@ scene("mode and speed limit are set from the map; without a home place it does n
   await v.button("Mode: Route").click();
   await until("it is in route", 5, async () => (await v.button("Mode: Route").getAttribute("aria-pressed")) === "true");
 });
+
+for (const profile of PROFILES) {
+  scene(`a scenario is drawn, taken back and downloaded (${profile})`, async ({ visit }) => {
+    const v = await visit({ profile, as: "engineer" });
+    await v.go("Map");
+    await v.press(v.button("Edit the scenario"));
+    const text = async (): Promise<string> => {
+      const [file] = await Promise.all([v.page.waitForEvent("download"), v.press(v.button("Download"))]);
+      equal(file.suggestedFilename(), "scenario.toml");
+      return readFile(await file.path(), "utf8");
+    };
+    const world = await text();
+    match(world, /^start = /m);
+    await v.press(v.button("Box"));
+    await touch(v, [0.5, 0.5], [0.6, 0.6]);
+    await v.press(v.button("Person"));
+    await touch(v, [0.7, 0.3]);
+    const drawn = await text();
+    ok(drawn.startsWith(world) && drawn.includes("[[boxes]]") && drawn.includes("[[walkers]]"), drawn.slice(world.length));
+    await v.press(v.button("Remove"));
+    ok(!(await text()).includes("[[walkers]]"), "the person was chosen");
+    await v.press(v.button("Undo"));
+    equal(await text(), drawn);
+    // This simulation is one in real time.
+    await v.text(/advee up --sim --speed 1 --world/).waitFor();
+    await v.press(v.button("Close the editor"));
+    await v.button("Edit the scenario").waitFor();
+  });
+}

@@ -220,6 +220,7 @@ const SCENE: Part = {
   outline: [[0.75, 0.3], [0.75, -0.3], [-0.15, -0.3], [-0.15, 0.3]], wheelbase: 0.6, limits: { speed: 0.6, steering: 0.6109 }, blind: mode === "blind" ? 0.3 : null,
   sonar: { field_of_view: 0.96, min: 0.05, max: 4 }, infrared: { field_of_view: 0.1, min: 0.1, max: 0.8 },
   beacons: BEACONS.map(([x, y], i) => ({ id: i + 1, x, y })),
+  world: "start = [3.0, 6.0, 0.0]\n",
   walls: [[0, 0, 20, 0], [20, 0, 20, 12], [20, 12, 0, 12], [0, 12, 0, 0], [4, 0, 4, 2.5], [8, 0, 8, 2.5], [11, 12, 11, 9.5], [11, 9.5, 14, 9.5], [14, 9.5, 14, 12], [15, 4.5, 17, 4.5], [17, 4.5, 17, 6.5], [17, 6.5, 15, 6.5], [15, 6.5, 15, 4.5]],
   columns: [[6, 4, 0.25], [10, 4, 0.25], [14, 3, 0.25], [6, 8, 0.25], [10, 8, 0.25], [18, 9, 0.25]],
   routes: [{ name: "patrol", points: [...ROUTE, ROUTE[0] as [number, number]] }, { name: "start", points: [[3, 6]] }, { name: "upper left", points: [[3, 10]] }], power_channels: ["host", "computer1", "computer2", "motors", "monitor", "audio", "sensors", "switch"],

@@ -4,7 +4,7 @@ import type { DrivePart, HoldRow } from "./protocol";
 import { t } from "./words";
 import { holdWho } from "./words/said";
 
-const PAUSE: readonly number[] = [HOLD.PauseBumper, HOLD.PauseFloor, HOLD.PauseButton, HOLD.PauseField, HOLD.PauseOther];
+const PAUSE: readonly number[] = [HOLD.PauseBumper, HOLD.PauseFloor, HOLD.PauseButton, HOLD.PauseField, HOLD.PauseInput, HOLD.PauseOther];
 const IDLE: readonly number[] = [HOLD.NobodyCommands, HOLD.NoGoal, HOLD.ModeManual, HOLD.WaitsForPeople];
 
 /** The weightiest of each module: they are in order, those of a module together. */

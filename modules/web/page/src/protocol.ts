@@ -6,8 +6,8 @@
 // - `/ws/command`, both ways: commands, answers, round-trip time, the holder of the motion authority.
 //
 // Text frames carry one JSON object each. Messages have the fields of `docs/messages.md`, in SI units and radians,
-// counter-clockwise; NaN is `null`. A frame of more than 4 KiB, or more than 100 frames a second, closes the command
-// socket.
+// counter-clockwise; NaN is `null`. A frame of more than 4 KiB (48 KiB for a `scenario`), or more than 100 frames a
+// second, closes the command socket.
 
 // ---------------------------------------------------------------------------------------------------- HTTP
 
@@ -180,6 +180,8 @@ export interface ScenePart {
   columns: [number, number, number][];
   /** Named routes. */
   routes: Route[];
+  /** Text of the file of the simulated world; empty where there is none, or where it is longer than 32 KiB. */
+  world: string;
   /** Channels of the power controller. */
   power_channels: string[];
   /** Temperatures above which the robot reports an over-temperature. */
@@ -741,6 +743,11 @@ export type Command =
    */
   | { type: "simulation"; id: number; action: string; value: number }
   /**
+   * A new start of a simulation with `--speed` in a world of this text: that of a file, TOML, at most 32 KiB. The view
+   * shows whether it was executed. At most five a second, with those of `publish`. Engineers.
+   */
+  | { type: "scenario"; id: number; text: string }
+  /**
    * A message of a known type, as JSON; the server sets its `timestamp`, and in commands its `source`. The scene lists
    * the robot's channels that are free. `message_type`: for a channel that is not the robot's. At most five a second.
    * Engineers, with the motion authority.
@@ -1232,14 +1239,19 @@ export interface Wheel {
 
 /**
  * PAUSE line: `LL_EVENT_STOP`, on change and every 500 ms, engaged or not. The robot does not move while it is engaged,
- * or if this message has been absent for 1.2 s.
+ * or if this message has been absent for 1.2 s. The same for each lidar whose own fields stop the robot, and for each
+ * signal of `[stop] inputs`: every 100 ms, absent for 0.5 s.
  */
 export interface EventStop {
   /** Microseconds since the UNIX epoch. */
   timestamp: number;
   /** True while the line is engaged. */
   engaged: boolean;
-  /** Source: `bumper1` to `bumper8`, `sd1_front`, `sd1_rear`, `button`; empty if not engaged. */
+  /**
+   * Source: of the power controller `bumper1` to `bumper8`, `sd1_front`, `sd1_rear`, `button`; empty if not engaged or
+   * unknown. Of `driver_lidar` the lidar: `lidar.front`. Of `driver_io` the signal: `io.estop`. Of another sender any
+   * other name. `driver_canbus` reads inputs of drives, `drive.left.3`, by itself: `LL_DATA_HOLD` names them.
+   */
   source: string;
 }
 

@@ -3,6 +3,7 @@
 use super::access::Role;
 use super::authority::{Drive, Holder, Limits};
 use diagnostics::orders;
+pub use diagnostics::orders::SCENARIO_MAX;
 use messages::Message;
 use messages::common::CmdLog;
 use messages::lowlevel::CmdSdo;
@@ -10,8 +11,10 @@ use messages::middlelevel::Waypoint;
 use messages::simulation::CmdFault;
 use serde::{Deserialize, Deserializer, Serialize};
 
-/// Maximum length of a frame, bytes.
+/// Maximum length of a frame, bytes; only a `scenario` may be longer.
 pub const FRAME_MAX: usize = 4 << 10;
+/// Maximum length of a frame with a `scenario`, bytes: its text, with room for escapes of JSON.
+pub const SCENARIO_FRAME_MAX: usize = 48 << 10;
 /// Maximum number of waypoints of a goal.
 const WAYPOINTS_MAX: usize = 100;
 /// Maximum magnitude of a number: m, rad, s.
@@ -101,6 +104,9 @@ pub enum Command {
     /// real second, 0 for as fast as possible, `step` with the `value` in s, 0 for one tick, or `reset`. The view shows
     /// whether it was executed. Engineers.
     Simulation { id: i64, action: String, value: f64 },
+    /// A new start of a simulation with `--speed` in a world of this text: that of a file, TOML, at most 32 KiB. The
+    /// view shows whether it was executed. At most five a second, with those of `publish`. Engineers.
+    Scenario { id: i64, text: String },
     /// A message of a known type, as JSON; the server sets its `timestamp`, and in commands its `source`. The scene
     /// lists the robot's channels that are free. `message_type`: for a channel that is not the robot's. At most five a
     /// second. Engineers, with the motion authority.
@@ -201,6 +207,12 @@ impl Command {
         Ok(command)
     }
 
+    /// Whether a frame of `length` bytes may have carried it: those of more than [`FRAME_MAX`] carry a scenario.
+    #[must_use]
+    pub fn fits(&self, length: usize) -> bool {
+        length <= if matches!(self, Self::Scenario { .. }) { SCENARIO_FRAME_MAX } else { FRAME_MAX }
+    }
+
     /// Number for the answer.
     #[must_use]
     pub fn id(&self) -> Option<i64> {
@@ -225,6 +237,7 @@ impl Command {
             | Self::Sdo { id, .. }
             | Self::Fault { id, .. }
             | Self::Simulation { id, .. }
+            | Self::Scenario { id, .. }
             | Self::Publish { id, .. } => Some(*id),
         }
     }
@@ -245,7 +258,7 @@ impl Command {
             Self::State { .. } | Self::Level { .. } | Self::Power { .. } | Self::Sdo { .. } => {
                 needs(Role::Engineer, false)
             }
-            Self::Fault { .. } | Self::Simulation { .. } => needs(Role::Engineer, false),
+            Self::Fault { .. } | Self::Simulation { .. } | Self::Scenario { .. } => needs(Role::Engineer, false),
             Self::Publish { .. } => needs(Role::Engineer, true),
         }
     }
@@ -363,7 +376,7 @@ pub fn message(command: &Command, robot: &Robot, timestamp: i64, source: &str) -
         Command::State { module, state, .. } => orders::state(timestamp, module, state, source)?.into(),
         Command::Level { module, print, send, .. } => orders::level(timestamp, module, print, send, source)?.into(),
         Command::Power { channel, action, .. } => orders::power(timestamp, channel, action)?.into(),
-        Command::Fault { .. } | Command::Simulation { .. } if !robot.simulated => {
+        Command::Fault { .. } | Command::Simulation { .. } | Command::Scenario { .. } if !robot.simulated => {
             return Err("this robot is not simulated".into());
         }
         Command::Fault { target, fault, value, duration, .. } => {
@@ -371,6 +384,7 @@ pub fn message(command: &Command, robot: &Robot, timestamp: i64, source: &str) -
             CmdFault { timestamp, target, fault, value: *value, duration: *duration }.into()
         }
         Command::Simulation { action, value, .. } => orders::simulation(timestamp, action, *value, source)?.into(),
+        Command::Scenario { text, .. } => orders::scenario(timestamp, text, source)?.into(),
         _ => return Ok(None),
     }))
 }
@@ -407,7 +421,7 @@ fn bytes(hexadecimal: &str) -> Option<Vec<u8>> {
 mod tests {
     use super::*;
 
-    const ALL: [&str; 24] = [
+    const ALL: [&str; 25] = [
         r#"{"type":"ping","t":1.5}"#,
         r#"{"type":"take","id":1,"from":null}"#,
         r#"{"type":"release","id":1}"#,
@@ -431,6 +445,7 @@ mod tests {
         r#"{"type":"sdo","id":1,"node":1,"index":4096,"subindex":0}"#,
         r#"{"type":"fault","id":1,"target":"robot","fault":"kidnap","value":1,"duration":0}"#,
         r#"{"type":"simulation","id":1,"action":"speed","value":0.2}"#,
+        r#"{"type":"scenario","id":1,"text":"start = [0, 0, 0]"}"#,
         r#"{"type":"publish","id":1,"channel":"CM_CMD_LOG","message":"{}"}"#,
     ];
 
@@ -455,7 +470,7 @@ mod tests {
         }
         let expected = "ML_CMD_GOAL ML_CMD_GOAL ML_CMD_MODE ML_CMD_PARAMETER ML_CMD_ESTIMATE ML_CMD_BEACON_USE \
             LL_CMD_HOMING ML_CMD_GOAL CM_CMD_LOG CM_CMD_STATE CM_CMD_LEVEL LL_CMD_POWER SIM_CMD_FAULT \
-            SIM_CMD_RUN";
+            SIM_CMD_RUN SIM_CMD_RUN";
         assert_eq!(said.join(" "), expected);
     }
 
@@ -503,11 +518,28 @@ mod tests {
     }
 
     #[test]
+    fn a_scenario_reaches_a_simulated_robot_as_it_is_and_alone_may_be_long() {
+        let text = format!("start = [0, 0, 0] # {}", "x".repeat(2 * FRAME_MAX));
+        let frame = serde_json::json!({ "type": "scenario", "id": 1, "text": text }).to_string();
+        let command = Command::read(&frame).unwrap();
+        assert!(command.fits(frame.len()) && !command.fits(SCENARIO_FRAME_MAX + 1));
+        assert!(!Command::Stop { id: 1 }.fits(FRAME_MAX + 1));
+        assert_eq!(command.needs(), Needs { role: Role::Engineer, authority: false });
+        let Ok(Some(Message::SimCmdRun(said))) = message(&command, &robot(), 7, "web:x") else { panic!("{command:?}") };
+        assert_eq!((said.action, said.world), (messages::simulation::CmdRun::SCENARIO, text));
+        let long = Command::Scenario { id: 1, text: "#".repeat(orders::SCENARIO_MAX + 1) };
+        assert!(message(&long, &robot(), 7, "web:x").is_err());
+        let real = Robot { simulated: false, ..robot() };
+        assert_eq!(message(&command, &real, 7, "web:x"), Err("this robot is not simulated".into()));
+    }
+
+    #[test]
     fn impossible_commands_are_explained() {
         let real = Robot { simulated: false, ..robot() };
         for text in [
             r#"{"type":"fault","id":1,"target":"robot","fault":"kidnap","value":1,"duration":0}"#,
             r#"{"type":"simulation","id":1,"action":"pause","value":0}"#,
+            r#"{"type":"scenario","id":1,"text":"start = [0, 0, 0]"}"#,
             r#"{"type":"route","id":1,"name":"nowhere"}"#,
             r#"{"type":"mode","id":1,"mode":"fly"}"#,
             r#"{"type":"power","id":1,"channel":"motor","action":"off"}"#,

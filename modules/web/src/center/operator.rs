@@ -2,7 +2,7 @@
 //! and executed at once; answers come from the command queue. `POST /api/stop` needs no socket.
 
 use super::access::{Role, Who};
-use super::command::{self, Answer, Command, FRAME_MAX, Needs};
+use super::command::{self, Answer, Command, FRAME_MAX, Needs, SCENARIO_FRAME_MAX};
 use super::command_queue::QueueHandle;
 use super::objects;
 use super::publish;
@@ -50,7 +50,9 @@ pub async fn upgrade(
         app.stats.refuse(Refusal::Viewers, "");
         return refused(StatusCode::SERVICE_UNAVAILABLE, Refusal::Viewers.name());
     };
-    upgrade.max_message_size(FRAME_MAX).max_frame_size(FRAME_MAX).on_upgrade(move |socket| async move {
+    let may_send_scenarios = app.command_queue.robot.simulated && who.role >= Role::Engineer;
+    let most = if may_send_scenarios { SCENARIO_FRAME_MAX } else { FRAME_MAX };
+    upgrade.max_message_size(most).max_frame_size(most).on_upgrade(move |socket| async move {
         let (page, command_queue) = Page::new(app, who);
         page.serve(socket, command_queue).await;
         drop(seat);
@@ -177,16 +179,25 @@ impl Page {
             None | Some(Ok(Message::Close(_))) => Err(EndReason::Gone),
             Some(Ok(Message::Ping(_) | Message::Pong(_))) => Ok(None),
             Some(Ok(Message::Text(text))) => match Command::read(&text) {
+                Ok(command) if !command.fits(text.len()) => Err(self.too_long()),
+                Err(_) if text.len() > FRAME_MAX => Err(self.too_long()),
                 Ok(command) => self.obey(&command),
                 Err(malformed) => self.refuse(Refusal::Malformed, malformed.id, &malformed.why, true),
             },
+            Some(Ok(Message::Binary(bytes))) if bytes.len() > FRAME_MAX => Err(self.too_long()),
             Some(Ok(Message::Binary(_))) => self.refuse(Refusal::Malformed, None, "text is expected", true),
             Some(Err(error)) if is_of_the_line(&error) => Err(EndReason::Gone),
             Some(Err(error)) => {
                 self.app.stats.refuse(Refusal::Frame, &error.to_string());
-                Err(EndReason::Sent(close_code::SIZE, "a frame that is longer than 4 KiB, or broken"))
+                Err(EndReason::Sent(close_code::SIZE, "a frame that is too long, or broken"))
             }
         }
+    }
+
+    /// The end of a page that sent a frame longer than it may.
+    fn too_long(&self) -> EndReason {
+        self.app.stats.refuse(Refusal::Frame, "longer than 4 KiB");
+        EndReason::Sent(close_code::SIZE, "a frame that is too long, or broken")
     }
 
     fn obey(&mut self, command: &Command) -> Result<Option<String>, EndReason> {
@@ -239,6 +250,10 @@ impl Page {
             Command::Publish { channel, message_type, message, .. } => self.publish((channel, message_type), message),
             _ => {
                 let message = command::message(command, &command_queue.robot, command_queue.timestamp(), &self.source);
+                let message = message.and_then(|message| match command {
+                    Command::Scenario { .. } => self.app.publisher.permit(clock::now()).map(|()| message),
+                    _ => Ok(message),
+                });
                 message.and_then(|message| message.map_or(Ok(()), |message| command_queue.publish(&message)))
             }
         };

@@ -134,10 +134,19 @@ impl Publisher {
         if bytes.len() > most {
             return Err(format!("the message has {} bytes, and at most {most} are accepted there", bytes.len()));
         }
-        if !self.last.lock().unwrap_or_else(PoisonError::into_inner).permits(now) {
-            return Err(format!("at most {PER_SECOND_MAX} messages are published in a second"));
+        self.permit(now).map(|()| bytes)
+    }
+
+    /// Counts a message that is about to be published; scenarios count, too, as they are long and begin the simulation
+    /// anew.
+    ///
+    /// # Errors
+    /// There were too many in the last second; a line for the user.
+    pub fn permit(&self, now: Instant) -> Result<(), String> {
+        match self.last.lock().unwrap_or_else(PoisonError::into_inner).permits(now) {
+            true => Ok(()),
+            false => Err(format!("at most {PER_SECOND_MAX} messages are published in a second")),
         }
-        Ok(bytes)
     }
 }
 
@@ -293,6 +302,8 @@ mod tests {
         }
         let passed = (0..200).filter(|n| at(10 * n, good).is_ok()).count();
         assert_eq!(passed, 2 * PER_SECOND_MAX, "in two seconds");
+        let scenarios = Publisher::new(true).unwrap();
+        assert_eq!((0..100).filter(|_| scenarios.permit(T0).is_ok()).count(), PER_SECOND_MAX);
         assert!(at(1990, good).unwrap_err().contains("in a second") && at(2001, good).is_ok());
     }
 

@@ -42,6 +42,8 @@ pub struct Scene {
     pub columns: Vec<[f64; 3]>,
     /// Named routes.
     pub routes: Vec<Route>,
+    /// Text of the file of the simulated world; empty where there is none, or where it is longer than 32 KiB.
+    pub world: String,
     /// Channels of the power controller.
     pub power_channels: Vec<&'static str>,
     /// Temperatures above which the robot reports an over-temperature.
@@ -138,6 +140,7 @@ impl Default for Scene {
             walls: Vec::new(),
             columns: Vec::new(),
             routes: Vec::new(),
+            world: String::new(),
             power_channels: Vec::new(),
             temperature_limits: Vec::new(),
             drives: Vec::new(),

@@ -30,6 +30,46 @@ fn the_power_controller_does_not_release_what_another_sender_engaged_in_its_name
 }
 
 #[test]
+fn a_source_of_pause_with_a_module_is_freed_by_its_processes_alone_and_stops_the_robot_if_silent() {
+    for power in [Some("power".into()), None] {
+        let judge = |script: &str| {
+            let stops = vec![StopReport { source: "io.estop".into(), module: "io".into() }];
+            let mut bench = Bench::with(Limits { stops, power: power.clone(), ..limits() });
+            bench.act(&["start", "io"]);
+            assert_eq!(bench.pids["io"], 5);
+            check_with(bench, script);
+        };
+        judge("begin pad 0.4 ! pause");
+        judge("line free io.estop by 300 \n begin pad 0.4 ! pause");
+        judge("line free io.estop by 5 \n begin pad 0.4 \n +490 \n say pad 0.4 \n +5 drive 0.4");
+        judge("line free io.estop by 5 \n begin pad 0.4 \n +490 \n say pad 0.4 \n +25 drive 0.4 ! pause");
+        judge("line engaged io.estop by 5 \n +300 line free io.estop by 300 \n +300 begin pad 0.4 ! pause");
+        // Another process of the module reports for the same source.
+        judge(
+            "line engaged io.estop by 5
+            exit io
+            start io
+            line free io.estop by 105
+            begin pad 0.4
+            +21 drive 0.4",
+        );
+        // Nobody overrules it.
+        judge(
+            "line engaged io.estop by 5
+            +1250 operator driver RUN
+            begin pad 0.4 ! pause",
+        );
+        // What another process engaged in its name is its own.
+        judge(
+            "line engaged io.estop by 300
+            line free io.estop by 5
+            begin pad 0.4
+            +21 drive 0.4 ! pause",
+        );
+    }
+}
+
+#[test]
 fn who_may_not_command_moves_nothing() {
     check("network say lan 0 \n network say lan 0.3 \n drive 0.3 ! foreign");
     check("host say other 0 \n host say other 0.3 \n drive 0.3");

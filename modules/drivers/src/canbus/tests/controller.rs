@@ -141,6 +141,22 @@ impl Rover {
         rover
     }
 
+    /// Another program sends this frame.
+    fn foreign(&mut self, frame: can::Frame) {
+        let now = self.bench.now();
+        self.drives.iter_mut().for_each(|drive| drive.handle_rx(now, &frame));
+        self.bench.can(PortId(0), frame);
+        self.exchange();
+    }
+
+    /// Commands 0.4 m/s at 20 Hz; neither wheel moves.
+    fn stands(&mut self, ms: u32) {
+        for _ in 0..ms / 50 {
+            self.drive(0.4, 50);
+            assert_eq!(self.speeds(), [0.0; 2], "{:?}", self.causes());
+        }
+    }
+
     /// Both wheels turn at this speed, m/s; a VESC is commanded in whole ERPM.
     fn is_at(&self, speed: f64) -> bool {
         self.speeds().iter().all(|each| (each - speed).abs() < 2e-3)
@@ -296,6 +312,64 @@ fn a_second_master_stops_the_robot_and_one_who_only_asks_does_not() {
 }
 
 #[test]
+fn an_odrive_that_another_program_has_configured_is_started_anew_before_it_drives_again() {
+    let endpoint = odrive::Device::EXAMPLE.endpoints.enable_watchdog;
+    let switch = |on| wire::Command::Write { endpoint, value: wire::Value::Bool(on) };
+    let silence = Duration::from_millis(150);
+    // Once; twice while it drives; again while it is started, before and after its own time limit was proven.
+    for again_after_ms in [None, Some(50), Some(800), Some(1100), Some(1300), Some(1500)] {
+        let mut rover = Rover::driving(odrive);
+        let mut since = rover.bench.now();
+        rover.foreign(switch(false).frame(2));
+        assert_eq!([1, 2].map(|node| rover.zero(node, since)), [Some(since); 2]);
+        rover.drive(0.4, 50);
+        assert!(rover.causes().contains(&(Hold::DriveParameter, "right")), "{:?}", rover.causes());
+        if let Some(ms) = again_after_ms {
+            rover.drive(0.4, ms);
+            since = rover.bench.now();
+            rover.foreign(switch(false).frame(2));
+        }
+        rover.drive(0.4, 1000);
+        rover.stands(13_000);
+        assert_eq!(rover.causes(), [(Hold::NotReleased, "test")], "{again_after_ms:?}");
+        let to = |frame: &can::Frame| wire::Command::decode(frame).filter(|(node, _)| *node == 2);
+        let sent: Vec<_> = rover.frames.iter().filter(|(at, _)| *at > since).collect();
+        let place = |command| sent.iter().position(|(_, frame)| to(frame) == Some((2, command)));
+        let (written, read) = (place(switch(true)).unwrap(), place(wire::Command::Read { endpoint }).unwrap());
+        assert!(written < read, "written {written}, read {read}");
+        // Its time limit is proven.
+        let own: Vec<Instant> =
+            sent[read..].iter().filter(|(_, frame)| to(frame).is_some()).map(|(at, _)| *at).collect();
+        assert!(own.windows(2).any(|pair| pair[1].since(pair[0]) >= silence), "{again_after_ms:?}");
+        rover.drive(0.0, 50);
+        rover.drive(0.4, 1500);
+        assert!(rover.is_at(0.4), "{:?}", rover.causes());
+        rover.bench.event(Event::Port { port: PortId(0), input: Input::Down("unplugged") });
+        rover.exchange();
+        rover.drive(0.4, 300);
+        assert_eq!(rover.are_armed(), [false; 2], "{again_after_ms:?}");
+    }
+}
+
+#[test]
+fn a_wheel_that_another_program_commands_all_the_time_is_not_left_without_torque() {
+    let mut rover = Rover::driving(odrive);
+    for _ in 0..50 {
+        rover.foreign(wire::Command::SetControllerMode { control: 2, input: 1 }.frame(1));
+        rover.drive(0.4, 100);
+        assert_eq!(rover.are_armed(), [true; 2]);
+    }
+    assert_eq!(rover.speeds(), [0.0; 2]);
+    // Commands of the other device, and questions, do not start it again.
+    let frames = rover.frames.len();
+    rover.foreign(wire::Command::GetError.frame(2));
+    rover.drive(0.4, 3000);
+    let restarted =
+        |node| rover.frames[frames..].iter().any(|(_, frame)| *frame == wire::Command::GetVersion.frame(node));
+    assert_eq!([restarted(1), restarted(2)], [true, false]);
+}
+
+#[test]
 fn objects_of_canopen_are_refused_where_there_is_none() {
     let mut rover = Rover::ready(odrive);
     rover.bench.message(lowlevel::CmdSdo { node: 1, index: 0x1000, ..Default::default() });
@@ -399,4 +473,24 @@ fn a_second_master_of_a_vesc_stops_the_robot_and_one_who_only_asks_does_not() {
     assert_eq!(rover.causes()[0], (Hold::SecondMaster, "can.main"));
     rover.drive(0.4, 2000);
     assert_eq!(rover.speeds(), [0.0; 2]);
+}
+
+#[test]
+fn a_vesc_that_another_program_has_configured_is_started_anew_before_it_drives_again() {
+    // The first fragment of COMM_SET_APPCONF to 2.
+    let configures = can::Frame::new(Id::Extended(0x0502), &[0, 16, 0, 0, 0, 0, 0, 0]).unwrap();
+    let mut rover = Rover::driving(vesc);
+    rover.foreign(configures);
+    let usual = std::mem::replace(&mut rover.vesc(1).timeout_ms, 0);
+    rover.drive(0.4, 50);
+    assert!(rover.causes().contains(&(Hold::DriveParameter, "right")), "{:?}", rover.causes());
+    rover.drive(0.4, 1000);
+    rover.stands(3000);
+    assert!(rover.causes().contains(&(Hold::DriveBootFailed, "right")), "{:?}", rover.causes());
+    rover.vesc(1).timeout_ms = usual;
+    rover.stands(13_000);
+    assert_eq!(rover.causes(), [(Hold::NotReleased, "test")]);
+    rover.drive(0.0, 50);
+    rover.drive(0.4, 1500);
+    assert!(rover.is_at(0.4), "{:?}", rover.causes());
 }

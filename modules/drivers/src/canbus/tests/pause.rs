@@ -67,6 +67,62 @@ fn the_fields_of_a_lidar_stop_the_robot_if_infringed_or_silent_and_nothing_resum
     assert!(robot.moves(), "{}", robot.reason());
 }
 
+/// A robot with an input of the steering's drive that stops it, and is closed.
+fn with_an_input() -> Robot {
+    let input = StopInput { signal: None, axis: Some(Axis::Steering), bit: Some(16) };
+    let stop = Stop { inputs: vec![input], ..config().stop };
+    let mut robot = Robot::with(epos::dictionary(1), Config { stop, ..config() });
+    robot.icla.node.set(0x60FD, 0, 1 << 16);
+    robot.pass(3000);
+    robot.home();
+    robot.pass(3000);
+    assert!(robot.motion().homed, "{}", robot.reason());
+    robot
+}
+
+const INPUT: &str = "drive.steering.16";
+
+#[test]
+fn a_digital_input_of_a_drive_that_opens_is_pause_and_nothing_resumes_by_itself() {
+    let mut robot = with_an_input();
+    robot.press(0.4);
+    robot.drive(0.4, 500);
+    assert!(robot.moves(), "{}", robot.reason());
+    robot.icla.node.set(0x60FD, 0, !(1 << 16) & 0xFFFF_FFFF);
+    robot.drive(0.4, 300);
+    assert!(!robot.moves() && robot.holds().contains(&(Hold::PauseInput, INPUT)), "{:?}", robot.holds());
+    robot.icla.node.set(0x60FD, 0, 1 << 16);
+    robot.drive(0.4, 2000);
+    assert!(!robot.moves() && robot.holds().contains(&(Hold::PauseLatched, "")), "{:?}", robot.holds());
+    robot.press(0.4);
+    robot.drive(0.4, 300);
+    assert!(robot.moves(), "{}", robot.reason());
+}
+
+#[test]
+fn a_digital_input_that_is_not_known_is_pause_which_stays_when_it_is_known_again() {
+    let mut robot = with_an_input();
+    robot.press(0.4);
+    robot.drive(0.4, 500);
+    robot.icla.deaf = true;
+    robot.drive(0.4, 600);
+    assert!(!robot.moves() && robot.holds().contains(&(Hold::PauseInputUnknown, INPUT)), "{:?}", robot.holds());
+    robot.icla.deaf = false;
+    robot.pass(15_000);
+    assert!(robot.holds().contains(&(Hold::PauseLatched, "")), "{:?}", robot.holds());
+}
+
+#[test]
+fn a_robot_whose_emergency_stop_is_not_read_reports_that_at_its_start() {
+    let reports = |mut robot: Robot| {
+        robot.pass(1);
+        robot.notes.iter().any(|note| note.contains("no emergency stop is read"))
+    };
+    assert!(reports(Robot::new()));
+    assert!(!reports(with_an_input()));
+    assert!(!reports(Robot::with(epos::dictionary(1), Config { has_pause_line: true, ..config() })));
+}
+
 #[test]
 fn acts_while_the_line_is_engaged_do_not_count() {
     let mut robot = Robot::ready();

@@ -83,7 +83,7 @@ fn a_lost_board_stops_planner_and_hand_until_a_person_acts() {
             assert!(robot.motion().speed_target > 0.39, "{name}: a poll or two may fail");
             drive(&mut robot, Some(priority), &[dead], 200);
             assert_eq!(robot.holds()[0], (Hold::RangingLost, name));
-            assert_eq!(robot.reason(), format!("ranging board {name} is not heard"));
+            assert_eq!(robot.reason(), format!("ranging board {name} does not answer"));
             assert!(robot.motion().quick_stop && robot.motion().speed_target == 0.0);
             assert!(robot.errors.contains(&(Fault::RangingLost, Severity::Error)));
             // The board is back: the same command does not move the robot.

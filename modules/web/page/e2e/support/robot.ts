@@ -73,12 +73,13 @@ export class Robot {
     this.bus = new Bus(spawn(ADVEE, [...base, "lcm", "echo", ".*MOTION|LL_DATA_HOLD|SIM_.*|ML_CMD.*|CM_CMD.*|LL_CMD.*|LL_EVENT_STOP|CM_DATA_PROCESSES", "--json"], { cwd: ROOT, stdio: ["ignore", "pipe", "ignore"] }));
   }
 
-  /** Starts one in a hall without visitors, that stands until it is told to move, and waits until it may be driven. */
-  static async start(extra: string[] = []): Promise<Robot> {
+  /** Starts one in a hall without visitors, that stands until it is commanded to move, and waits until it may be driven; `all`:
+   *  options of each of its commands, such as its configuration. */
+  static async start(extra: string[] = [], all: string[] = []): Promise<Robot> {
     if (!existsSync(ADVEE)) throw new Error(`there is no ${ADVEE}: cargo build -p advee makes it; ADVEE=… names another one`);
     const { port, held } = await uniquePorts();
     const folder = await mkdtemp(join(tmpdir(), "advee-e2e-"));
-    const base = ["--lcm-url", `udpm://239.255.76.67:${port}?ttl=0&shm=auto`, "--run-dir", join(folder, "run")];
+    const base = ["--lcm-url", `udpm://239.255.76.67:${port}?ttl=0&shm=auto`, "--run-dir", join(folder, "run"), ...all];
     const sets = [`log.folder=${JSON.stringify(join(folder, "log"))}`, "world.people=0"].flatMap((each) => ["--set", each]);
     const args = [...base, "up", "--sim", "--goal", "none", "--http", `127.0.0.1:${port + 1}`, ...sets, ...extra];
     const robot = new Robot(folder, base, held, port + 1, spawn(ADVEE, args, { cwd: ROOT, stdio: ["ignore", "pipe", "pipe"] }));

@@ -40,7 +40,7 @@ export const whyNoDrive = computed<string | null>(() => {
 /** Why the second input has no effect now; null: it has. */
 export const whyNoCreep = computed<string | null>(() => {
   if (whyNoDrive.value !== null) return whyNoDrive.value;
-  if (stale(drive.value?.guard)) return t("The guard is not heard.");
+  if (stale(drive.value?.guard)) return t("The guard does not report.");
   return drive.value?.bound?.limits ? null : t("Nothing is in the way.");
 });
 /** The second input is held, and reported. */

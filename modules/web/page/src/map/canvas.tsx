@@ -7,6 +7,7 @@ import { drive, map, may, now, scene, sensors } from "../state";
 import { ownGesture } from "../ui/gesture";
 import { type Camera, fitted, panned, type Point, type Size, toMap, zoomed } from "./camera";
 import { begin, mode, places, put, sent, turn } from "./draft";
+import { abandon, chosen, drop, press, pull, scenario } from "./editor";
 import { off } from "./layers";
 import { inks, paint, pose } from "./paint";
 import { trail } from "./trail";
@@ -14,6 +15,8 @@ import { trail } from "./trail";
 /** px that a finger may tremble; px from a place before a drag turns it; ms of a long press. */
 const TREMBLE = 8;
 const TURNS = 18;
+/** px by which the mouse may miss what was drawn; a finger twice as many. */
+const MISS = 6;
 const LONG = 500;
 
 /** What the buttons beside the canvas do to it. */
@@ -98,7 +101,7 @@ export function MapCanvas(props: { follow: boolean; onFollow: (follow: boolean) 
     });
     const stopData = effect(() => {
       // Whatever is drawn.
-      [drive, sensors, map, scene, trail, places, mode, sent, off, now].forEach((each) => each.value);
+      [drive, sensors, map, scene, trail, places, mode, sent, scenario, chosen, off, now].forEach((each) => each.value);
       dirty();
     });
 
@@ -107,7 +110,7 @@ export function MapCanvas(props: { follow: boolean; onFollow: (follow: boolean) 
     let from: Point | null = null;
     let long: ReturnType<typeof setTimeout> | undefined;
     /** What the first finger does. */
-    let doing: "nothing" | "press" | "pan" | "turn" = "nothing";
+    let doing: "nothing" | "press" | "pan" | "turn" | "draw" = "nothing";
     const where = (event: PointerEvent | WheelEvent): Point => {
       const box = element.getBoundingClientRect();
       return [event.clientX - box.left, event.clientY - box.top];
@@ -121,12 +124,17 @@ export function MapCanvas(props: { follow: boolean; onFollow: (follow: boolean) 
       clearTimeout(long);
       if (fingers.size > 1) {
         // A second finger makes it a pinch; what the first one placed goes again.
+        if (doing === "draw") abandon();
         if (doing === "turn") places.value = places.value.slice(0, -1);
         doing = "pan";
         looked = true;
         return;
       }
       from = at;
+      if (mode.value === "edit") {
+        doing = press(toMap(camera, size, at), (event.pointerType === "mouse" ? MISS : 2 * MISS) / camera.scale) ? "draw" : "press";
+        return;
+      }
       if (mode.value !== "look") {
         place(at);
         doing = "turn";
@@ -159,6 +167,11 @@ export function MapCanvas(props: { follow: boolean; onFollow: (follow: boolean) 
         return;
       }
       const moved = from ? distance(from, at) : 0;
+      if (doing === "draw") {
+        // A finger that trembles moves nothing.
+        if (moved > TREMBLE) pull(toMap(camera, size, at));
+        return;
+      }
       if (doing === "turn") {
         if (moved > TURNS) turn(...toMap(camera, size, at));
         return;
@@ -176,7 +189,9 @@ export function MapCanvas(props: { follow: boolean; onFollow: (follow: boolean) 
     const up = (event: PointerEvent) => {
       fingers.delete(event.pointerId);
       clearTimeout(long);
+      if (doing === "draw") event.type === "pointercancel" ? abandon() : drop();
       if (fingers.size === 0) doing = "nothing";
+      else if (doing === "draw") doing = "pan";
     };
     const wheel = (event: WheelEvent) => {
       event.preventDefault();

@@ -8,8 +8,8 @@ import { t } from "../words";
 import { waypoints } from "./destinations";
 import { follow, type Follows, refusal } from "./follow";
 
-/** `measure` commands nothing. */
-export type Mode = "look" | "go" | "route" | "pose" | "measure";
+/** `measure` commands nothing; `edit` draws a scenario: editor.ts. */
+export type Mode = "look" | "go" | "route" | "pose" | "measure" | "edit";
 
 export interface Place {
   x: number;

@@ -1,5 +1,5 @@
 // The map: what the robot believes of the place and of itself, and where to send it.
-import { Crosshair, Expand, Flag, Hand, LayersIcon, LocateFixed, Milestone, Minus, Plus, Repeat, Route, Ruler, Undo2 } from "lucide-preact";
+import { Crosshair, Expand, Flag, Hand, LayersIcon, LocateFixed, Milestone, Minus, PencilRuler, Plus, Repeat, Route, Ruler, Undo2 } from "lucide-preact";
 import { useEffect, useRef, useState } from "preact/hooks";
 import { isHeld } from "../holds";
 import { take } from "../operate";
@@ -11,6 +11,8 @@ import { BeaconTable } from "./beacon-table";
 import { type Looker, MapCanvas, under } from "./canvas";
 import { begin, change, confirm, loop, type Mode, mode, places, undo } from "./draft";
 import { CancelGoal, DriveTo, Progress } from "./drive-to";
+import { edit } from "./editor";
+import { EditorTools } from "./editor-tools";
 import { isOn, type Layer, toggle } from "./layers";
 import { PlannerControls } from "./planner-controls";
 import { modeWords } from "./planner";
@@ -47,7 +49,7 @@ export function MapPanel({ alone = false }: { alone?: boolean }) {
         </div>
       </div>
       <div class="map-below">
-        {mode.value === "look" ? <Tools alone={alone} /> : mode.value === "measure" ? <Measure /> : <Draft />}
+        {mode.value === "look" ? <Tools alone={alone} /> : mode.value === "measure" ? <Measure /> : mode.value === "edit" ? <EditorTools /> : <Draft />}
         {mode.value === "look" ? <PlannerControls /> : null}
         <div class="map-words" role="status" aria-live="off">
           <Quality />
@@ -90,6 +92,11 @@ function Tools({ alone }: { alone: boolean }) {
       <Button icon={Crosshair} whyNot={whyNot.value} onClick={start("pose")}>
         {t("Set position")}
       </Button>
+      {scene.value?.simulated && !demo.value && may("engineer") ? (
+        <Button icon={PencilRuler} onClick={edit}>
+          {t("Edit the scenario")}
+        </Button>
+      ) : null}
       <CancelGoal />
     </div>
   );
@@ -114,8 +121,8 @@ function Draft() {
   const all = places.value;
   const last = all.at(-1);
   const kind = mode.value;
-  const hint = { look: "", measure: "", go: t("Tap the map where it shall go; drag to set the heading."), route: t("Tap the waypoints one after another."), pose: t("Tap where the robot is; drag to where it looks.") }[kind];
-  const said = { look: "", measure: "", go: t("Go there"), route: t("Drive {n} waypoints", { n: all.length }), pose: t("The robot is here") }[kind];
+  const hint = { look: "", measure: "", edit: "", go: t("Tap the map where it shall go; drag to set the heading."), route: t("Tap the waypoints one after another."), pose: t("Tap where the robot is; drag to where it looks.") }[kind];
+  const said = { look: "", measure: "", edit: "", go: t("Go there"), route: t("Drive {n} waypoints", { n: all.length }), pose: t("The robot is here") }[kind];
   return (
     <form class="map-draft" onSubmit={(event) => (event.preventDefault(), whyNot.value === null && void confirm())} aria-label={t("Place on the map")}>
       <p>{hint}</p>

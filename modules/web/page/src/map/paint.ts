@@ -7,8 +7,10 @@ import { drive, fresh, map, scene, sensors, stale, system } from "../state";
 import { type BeaconState, statesOf } from "./beacons";
 import { barLength, type Camera, type Point, type Size, toScreen } from "./camera";
 import { mode, type Place, places, sent } from "./draft";
+import { chosen, scenario, wallsBelow } from "./editor";
 import { isOn } from "./layers";
 import { fieldsOn, from, hatch, type Pose } from "./fields";
+import { corners } from "./scenario";
 import { trail } from "./trail";
 import { isLost } from "./words";
 
@@ -52,9 +54,48 @@ export function paint(on: CanvasRenderingContext2D, camera: Camera, size: Size, 
     robot(brush, scene.value, drive.value);
     if (sensors.value && isOn("floor")) holes(brush, drive.value, sensors.value);
   }
+  if (mode.value === "edit") drawn(brush);
   marks(brush);
   if (camera.turn === 0) figures(brush);
   bar(brush);
+}
+
+/** What was drawn in the scenario editor; the chosen one in the colour of goals. */
+function drawn(brush: Brush): void {
+  const { on, at, ink, camera } = brush;
+  const all = scenario.value?.items ?? [];
+  const way = all.flatMap((item): Point[] => (item.kind === "waypoint" ? [at(item.x, item.y)] : []));
+  if (way.length > 1) {
+    on.setLineDash([6, 4]);
+    on.strokeStyle = ink.goal;
+    on.lineWidth = 2;
+    on.beginPath();
+    stroke(on, way);
+    on.stroke();
+    on.setLineDash([]);
+  }
+  let waypoint = 0;
+  for (const [n, item] of all.entries()) {
+    const colour = n === chosen.value ? ink.goal : item.kind === "walker" ? ink.truth : item.kind === "box" ? ink.wall : ink.robot;
+    on.strokeStyle = on.fillStyle = colour;
+    on.lineWidth = n === chosen.value ? 4 : 3;
+    on.beginPath();
+    if (item.kind === "box") {
+      stroke(on, corners(item).map(([x, y]) => at(x, y)));
+      on.closePath();
+      on.stroke();
+    } else if (item.kind === "walker") {
+      stroke(on, item.points.map(([x, y]) => at(x, y)));
+      on.stroke();
+      for (const [x, y] of item.points) disc(on, at(x, y), Math.max(5, 0.22 * camera.scale), colour);
+    } else if (item.kind === "start") {
+      const [length, side] = [0.6, 0.3];
+      const local = ([a, b]: Point): Point => at(item.x + Math.cos(item.theta) * a - Math.sin(item.theta) * b, item.y + Math.sin(item.theta) * a + Math.cos(item.theta) * b);
+      stroke(on, ([[length, 0], [-side, side], [-side, -side]] as Point[]).map(local));
+      on.closePath();
+      on.stroke();
+    } else flag(brush, [item.x, item.y], n === chosen.value ? ink.goal : ink.robot, String((waypoint += 1)));
+  }
 }
 
 /** px between two figures at an edge, at least. */
@@ -107,7 +148,7 @@ function walls({ on, camera, ink, at }: Brush, scene: ScenePart): void {
   on.strokeStyle = on.fillStyle = ink.wall;
   on.lineWidth = Math.min(5, Math.max(2, 0.06 * camera.scale));
   on.beginPath();
-  for (const [x1, y1, x2, y2] of scene.walls) {
+  for (const [x1, y1, x2, y2] of wallsBelow(scene.walls)) {
     on.moveTo(...at(x1, y1));
     on.lineTo(...at(x2, y2));
   }

@@ -78,6 +78,7 @@ const FAULTS: Readonly<Record<string, Known>> = {
     value: { name: "Factor", unit: "", low: -2, high: 2, step: 0.01, usual: 0 },
   },
   swapped: { means: "It has the encoder of another wheel.", value: number("Wheel", 1, 255, 2) },
+  opened: { means: "Its digital input is open.", value: number("Bit", 3, 31, 16) },
   layout: { means: "It is another version, with other PDOs; it starts anew." },
   noise: { means: "Each bit on it may be wrong.", value: { ...probability(0.0001), low: 0.000001, step: 0.000001 } },
   corrupt: { means: "Each frame whose number this divides is destroyed, and sent again.", value: number("Divisor", 1, 100_000, 10) },

@@ -13,10 +13,12 @@ export const HOLDS: Readonly<Record<Code, readonly [words: string, remedy: strin
   101: ["stav signálu PAUSE není znám", "Zkontrolujte, že je řídicí jednotka napájení zapnutá a připojená."],
   102: ["byl aktivní PAUSE: robot čeká na obsluhu", "Odstraňte příčinu; pak uvolněte ovládání a stiskněte je znovu, nebo znovu odešlete cíl."],
   103: ["pole, která hlídá {}, nejsou známa", "Podívejte se na chyby a na moduly: driver_lidar musí běžet. Pak uvolněte ovládání a stiskněte je znovu."],
+  104: ["stav vstupu není znám: {}", "Zkontrolujte napájení a kabel zařízení, které vstup čte, chyby a moduly. Pak uvolněte ovládání a stiskněte je znovu."],
   111: ["je aktivní PAUSE: {}", "Odstraňte, čeho se dotýká {}."],
   112: ["je aktivní PAUSE: {}", "Odtlačte robota rukou zpět, až budou {} nad rovnou podlahou."],
   113: ["je aktivní PAUSE: {}", "Pootočte červeným tlačítkem, dokud nevyskočí."],
   114: ["je aktivní PAUSE: {}, vlastní pole", "Uvolněte pole, která hlídá {}; není-li v nich nic, podívejte se na chyby."],
+  115: ["je aktivní PAUSE: {}", "Uvolněte nouzové zastavení: {}. Není-li stisknuté, zkontrolujte jeho vodiče."],
   119: ["je aktivní PAUSE: {}", "Uvolněte signál PAUSE, příčina: {}."],
 
   201: ["sběrnice {} je mimo provoz", "Zkontrolujte adaptér CAN sběrnice {}; otevře se znovu sám."],
@@ -124,6 +126,9 @@ export function commander(name: string): string {
 /** The subject as people call it. */
 export function who({ code, subject }: Pick<HoldRow, "code" | "subject">): string {
   if (code === 103 || code === 114) return subject.replace(".", " ");
+  if (code === 104 || code === 115) {
+    return subject.replace(/^io\.(.+)$/, "vstup $1").replace(/^drive\.(.+)\.(\d+)$/, "vstup $2 pohonu $1");
+  }
   if (code >= 111 && code <= 119) return STOPS[subject] ?? subject.replace(/^bumper ?(\d)$/, "nárazník $1");
   if ((code >= 211 && code <= 219) || code === 231) return DRIVES[subject] ?? `pohon ${subject}`;
   if (code >= 221 && code <= 225) return subject === "steering" ? "zatáčení" : `osa ${subject}`;

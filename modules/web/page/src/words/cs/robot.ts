@@ -37,7 +37,7 @@ export const SENTENCES: readonly (readonly [RegExp, string | Turn])[] = [
   [/^nothing is known of the sonars at the (front|rear)$/, ([side]) => `o sonarech ${SIDES[side ?? ""]} není nic známo`],
   [/^nothing is known of (.*)$/, ([what]) => `snímač ${what} nic neposílá`],
   [/^no sensor looks there$/, "tím směrem se nedívá žádný snímač"],
-  [/^the guard is not heard$/, "hlídač okolí neodpovídá"],
+  [/^the guard does not report$/, "hlídač okolí neodpovídá"],
   [/^the guard does not know the motion$/, "hlídač okolí nezná pohyb robota"],
   [/^the guard permits no more this way$/, "hlídač okolí tímto směrem víc nedovolí"],
   [/^the sensors reach no farther: .*$/, "dál snímače nedosáhnou"],
@@ -77,7 +77,7 @@ export const SENTENCES: readonly (readonly [RegExp, string | Turn])[] = [
   [/^a coordinate is no number$/, "souřadnice není číslo"],
   [/^it is outside the map, which is (.*)…(.*) by (.*)…(.*) m$/, ([x, right, y, top]) => `leží mimo mapu (${decimal(x)} až ${decimal(right)} krát ${decimal(y)} až ${decimal(top)} m)`],
   [/^the floor between is too large$/, "je příliš daleko"],
-  [/^it was told to drive and does not move$/, "měl jet a nejede"],
+  [/^it was commanded to drive and does not move$/, "měl jet a nejede"],
   [/^the robot came to stand ([\d.]+) m beside it$/, ([off]) => `robot zastavil ${decimal(off)} m vedle něj`],
   [/^something stands in the way$/, "něco stojí v cestě"],
 
