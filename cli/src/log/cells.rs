@@ -91,12 +91,12 @@ impl Cells<'_> {
             return Ok(());
         }
         if self.sink.grow {
-            if *self.shape == Shape::Unknown {
+            if matches!(self.shape, Shape::Unknown) {
                 *self.shape = Shape::Scalar;
             }
             return Ok(());
         }
-        if *self.shape == Shape::Scalar {
+        if matches!(self.shape, Shape::Scalar) {
             self.sink.out.push(b',');
             write(&mut self.sink.out);
         }
@@ -173,7 +173,7 @@ impl<'s> Serializer for Cells<'s> {
 
     fn serialize_seq(self, _: Option<usize>) -> Result<Elements<'s>, Error> {
         let Self { shape, sink } = self;
-        if sink.grow && *shape == Shape::Unknown {
+        if sink.grow && matches!(shape, Shape::Unknown) {
             *shape = Shape::Array(0, Box::default());
         }
         Ok(Elements { shape, sink, at: 0 })
@@ -181,7 +181,7 @@ impl<'s> Serializer for Cells<'s> {
 
     fn serialize_map(self, _: Option<usize>) -> Result<Members<'s>, Error> {
         let Self { shape, sink } = self;
-        if sink.grow && *shape == Shape::Unknown {
+        if sink.grow && matches!(shape, Shape::Unknown) {
             *shape = Shape::Struct(Vec::new());
         }
         Ok(Members { shape, sink, at: 0 })

@@ -2,7 +2,7 @@
 
 use super::cells::{Shape, Sink};
 use super::decode::Decoder;
-use super::feed::{Fed, Feed};
+use super::feed::{Batch, Fed, Feed};
 use super::select::Selection;
 use super::source::{Item, Log};
 use crate::lcm::types::TypesArg;
@@ -21,6 +21,11 @@ const COLUMNS_MAX: usize = 100_000;
 const OPEN_MAX: usize = 500;
 /// Size of a table's write buffer, bytes.
 const BUFFER: usize = 1 << 18;
+/// Maximum size of a selection that stays in memory between the two passes, bytes; a larger one is read twice.
+pub const KEPT_MAX: usize = 64 << 20;
+
+/// Result of an interrupted export.
+const CUT: &str = "tables are missing or cut";
 
 /// A table.
 #[derive(Default)]
@@ -52,12 +57,31 @@ pub struct Export<'a> {
     pub folder: Option<&'a Path>,
     /// Maximum number of columns of an array.
     pub elements_max: usize,
+    /// Maximum size of the messages in memory, bytes: [`KEPT_MAX`].
+    pub kept_max: usize,
     pub types: &'a TypesArg,
+}
+
+/// All messages of the selection, for the second pass.
+#[derive(Default)]
+struct Kept {
+    batches: Vec<Batch>,
+    /// Size of the batches, bytes.
+    bytes: usize,
+}
+
+impl Kept {
+    /// Takes the next batch in; `None` if that is too much.
+    fn with(mut self, batch: Batch, max: usize) -> Option<Self> {
+        self.bytes += batch.size();
+        self.batches.push(batch);
+        Some(self).filter(|kept| kept.bytes <= max)
+    }
 }
 
 impl Export<'_> {
     pub fn run(&self) -> Result<Written, Failed> {
-        let mut tables = self.measure()?;
+        let (mut tables, kept) = self.measure()?;
         if tables.is_empty() {
             return Err("no message in that selection can be decoded".into());
         }
@@ -87,15 +111,16 @@ impl Export<'_> {
                 File::create(path).map_err(|error| named(path, error))?;
             }
         }
-        self.write(&mut tables)
+        self.write(&mut tables, kept)
     }
 
-    /// Goes through what has arrays, and the first message of all else.
-    fn measure(&self) -> Result<BTreeMap<String, Table>, Failed> {
+    /// Goes through what has arrays, and the first message of all else. Returns the messages too, unless they are too
+    /// many.
+    fn measure(&self) -> Result<(BTreeMap<String, Table>, Option<Kept>), Failed> {
         let mut tables: BTreeMap<String, Table> = BTreeMap::new();
         let mut decoder = Decoder::new(self.types)?;
         let mut sink = Sink { grow: true, elements_max: self.elements_max, ..Sink::default() };
-        self.each("measuring", |item| {
+        let mut take = |item: &Item<'_>| -> Result<(), Failed> {
             let table = match tables.get_mut(item.channel) {
                 Some(table) => table,
                 None => tables.entry(item.channel.into()).or_default(),
@@ -115,7 +140,16 @@ impl Export<'_> {
                 }
             }
             Ok(())
+        };
+        let mut kept = Some(Kept::default());
+        let left_out = self.read("measuring", |batch| {
+            batch.items().try_for_each(|item| take(&item))?;
+            kept = kept.take().and_then(|kept| kept.with(batch, self.kept_max));
+            Ok(())
         })?;
+        if let Some(left_out) = left_out {
+            complain(&left_out);
+        }
         for (channel, table) in &tables {
             if table.ty.is_empty() {
                 complain(&format!("{}: no message can be decoded; left out", channel.escape_debug()));
@@ -123,15 +157,15 @@ impl Export<'_> {
         }
         tables.retain(|_, table| !table.ty.is_empty());
         tables.values_mut().for_each(|table| table.undecoded = 0);
-        Ok(tables)
+        Ok((tables, kept))
     }
 
-    fn write(&self, tables: &mut BTreeMap<String, Table>) -> Result<Written, Failed> {
+    fn write(&self, tables: &mut BTreeMap<String, Table>, kept: Option<Kept>) -> Result<Written, Failed> {
         let mut decoder = Decoder::new(self.types)?;
         let mut sink = Sink { elements_max: self.elements_max, ..Sink::default() };
         let keep_open = tables.len() <= OPEN_MAX;
         let (mut messages, mut bytes) = (0, 0);
-        self.each("writing", |item| {
+        let mut take = |item: &Item<'_>| -> Result<(), Failed> {
             let Some(table) = tables.get_mut(item.channel) else { return Ok(()) };
             let message = match decoder.decode(item) {
                 Ok(message) if message.ty().name() == table.ty => message,
@@ -153,7 +187,19 @@ impl Export<'_> {
             table.buffer.push(b'\n');
             (table.rows, messages, bytes) = (table.rows + 1, messages + 1, bytes + item.data.len() as u64);
             if table.buffer.len() >= BUFFER { table.flush(keep_open) } else { Ok(()) }
-        })?;
+        };
+        match kept {
+            Some(Kept { batches, .. }) => {
+                let mut progress = Interruptible::new("writing", CUT)?;
+                let all = batches.len() as u64;
+                for (done, batch) in (0..).zip(batches) {
+                    batch.items().try_for_each(|item| take(&item))?;
+                    progress.tell(done, all)?;
+                }
+            }
+            // What is left out is known from the first pass.
+            None => drop(self.read("writing", |batch| batch.items().try_for_each(|item| take(&item)))?),
+        }
         tables.values_mut().try_for_each(|table| table.flush(keep_open))?;
         for (channel, table) in &*tables {
             for (count, what) in [(table.undecoded, "cannot be decoded"), (table.others, "are of another type")] {
@@ -173,26 +219,25 @@ impl Export<'_> {
         Ok(Written { tables, messages, bytes })
     }
 
-    fn each(&self, what: &'static str, mut take: impl FnMut(&Item<'_>) -> Result<(), Failed>) -> Result<(), Failed> {
+    /// Reads the selection. Returns a text about omitted parts, if any.
+    fn read(
+        &self,
+        what: &'static str,
+        mut take: impl FnMut(Batch) -> Result<(), Failed>,
+    ) -> Result<Option<String>, Failed> {
         let feed = Feed::start(&self.log, &self.selection)?;
-        let mut progress = Interruptible::new(what, "tables are missing or cut")?;
+        let mut progress = Interruptible::new(what, CUT)?;
         loop {
             match feed.next(Duration::from_secs(1))? {
                 Fed::Batch(batch) => {
-                    (0..batch.len()).filter_map(|place| batch.get(place)).try_for_each(|item| take(&item))?;
+                    take(batch)?;
                     let (done, all) = feed.progress();
                     progress.tell(done, all)?;
                 }
                 Fed::Nothing => {}
-                Fed::End => break,
+                Fed::End => return Ok(feed.left_out()),
             }
         }
-        if what == "writing"
-            && let Some(left_out) = feed.left_out()
-        {
-            complain(&left_out);
-        }
-        Ok(())
     }
 }
 
@@ -236,4 +281,51 @@ fn name(tables: &mut BTreeMap<String, Table>, folder: Option<&Path>) {
 
 fn named(path: &Path, error: impl std::fmt::Display) -> Failed {
     format!("{}: {error}", path.display()).into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::log::select::Select;
+    use messages::{Message, lowlevel};
+
+    /// Tables of a log whose messages have one range, then three, by file name.
+    fn tables(kept_max: usize) -> BTreeMap<String, String> {
+        let folder = std::env::temp_dir().join(format!("advee-csv-{}-{kept_max}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let path = folder.join("run.lcmlog");
+        let mut events = lcm::eventlog::Writer::new(File::create(&path).unwrap());
+        for n in 0..5 {
+            let srfs = vec![lowlevel::Range::default(); if n < 3 { 1 } else { 3 }];
+            let mut bytes = Vec::new();
+            Message::from(lowlevel::DataSrfs { timestamp: n, srfs }).encode(&mut bytes).unwrap();
+            events.write(n, "LL_DATA_SRFS", &bytes).unwrap();
+            events.write(n, "LL_DATA_SRFS", b"none of ours").unwrap();
+        }
+        events.flush().unwrap();
+        let log = Arc::new(Log::open(&path).unwrap());
+        let selection = Selection::of(&Select::default(), &log).unwrap();
+        let (out, types) = (folder.join("out"), TypesArg::default());
+        let export = Export { log, selection, folder: Some(&out), elements_max: 1000, kept_max, types: &types };
+        let written = export.run().unwrap();
+        assert_eq!(written.messages, 5);
+        let read = |(path, _): &(PathBuf, u64)| {
+            (path.file_name().unwrap().to_str().unwrap().into(), fs::read_to_string(path).unwrap())
+        };
+        let tables = written.tables.iter().map(read).collect();
+        fs::remove_dir_all(&folder).unwrap();
+        tables
+    }
+
+    #[test]
+    fn a_log_too_large_for_memory_gives_the_same_tables() {
+        let (kept, read_twice) = (tables(KEPT_MAX), tables(0));
+        assert_eq!(kept, read_twice);
+        let lines: Vec<&str> = kept["LL_DATA_SRFS.csv"].lines().collect();
+        assert_eq!(lines.len(), 6);
+        assert!(lines[0].starts_with("log_time,timestamp,srfs[0]."));
+        let columns = |line: &str| line.split(',').count();
+        assert!(lines.iter().all(|line| columns(line) == columns(lines[0])));
+        assert!(lines[1].ends_with(",,") && !lines[5].ends_with(','));
+    }
 }

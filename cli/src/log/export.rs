@@ -59,7 +59,8 @@ pub fn export(command: &Export) -> Outcome {
     let (messages, bytes, files) = match (command.format, &command.out) {
         (Format::Csv, folder) => {
             let (elements_max, types) = (command.elements as usize, &command.types);
-            let export = csv::Export { log, selection, folder: folder.as_deref(), elements_max, types };
+            let kept_max = csv::KEPT_MAX;
+            let export = csv::Export { log, selection, folder: folder.as_deref(), elements_max, kept_max, types };
             let written = export.run()?;
             if folder.is_none() {
                 return Ok(ExitCode::SUCCESS);

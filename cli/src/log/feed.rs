@@ -45,6 +45,16 @@ impl Batch {
         self.heads.len()
     }
 
+    /// All messages, in order.
+    pub fn items(&self) -> impl Iterator<Item = Item<'_>> {
+        (0..self.len()).filter_map(|place| self.get(place))
+    }
+
+    /// Size in memory, bytes.
+    pub fn size(&self) -> usize {
+        self.bytes.capacity() + self.heads.capacity() * size_of::<Head>()
+    }
+
     pub fn get(&self, place: usize) -> Option<Item<'_>> {
         let head = self.heads.get(place)?;
         Some(Item {
