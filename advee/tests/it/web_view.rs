@@ -101,7 +101,8 @@ fn each_part_has_its_shape_and_its_rate() {
     ]);
     assert_eq!(keys(&scene), of_scene);
     assert_eq!((&scene["part"], &scene["simulated"], &scene["demo"]), (&json!("scene"), &json!(true), &Value::Null));
-    assert_eq!(scene["limits"], json!({ "speed": 0.6, "steering": 0.6109 }));
+    let limits = json!({ "speed": 0.6, "steering": 0.6109, "sideways": 0.0, "rotation": 0.0 });
+    assert_eq!(scene["limits"], limits);
     assert_eq!(scene["drives"], json!([{ "name": "propulsion", "node": 1 }, { "name": "steering", "node": 2 }]));
     let limit = |name: &str, celsius: f64| json!({ "name": name, "celsius": celsius });
     let limits = [limit("box", 60.0), limit("drives", 75.0), limit("battery", 50.0)];

@@ -380,9 +380,11 @@ fn differential(name: &str) -> Option<()> {
         lines.any(|line| line.number("velocity").is_some_and(|it| (it - wanted).abs() <= wanted.abs() / 50))
     };
     let begin = Instant::now();
+    // A command that was late stops the robot until zero is commanded, so it begins anew each three seconds.
+    let mut drives = (0..60).map(|round| round > 3).cycle();
     while !(reaches(&left, 1, wanted[0]) && reaches(&right, 2, wanted[1])) {
         assert!(begin.elapsed() < PATIENCE, "not {wanted:?}: {:?}, {:?}", left.log.last(), right.log.last());
-        curve(&mut robot);
+        curve(&mut robot, drives.next().unwrap_or(true));
         left.read();
         right.read();
     }
@@ -393,7 +395,7 @@ fn differential(name: &str) -> Option<()> {
     drop(left);
     let begin = Instant::now();
     let stopped = loop {
-        curve(&mut robot);
+        curve(&mut robot, true);
         right.read();
         if let Some(line) = right.log[right.from..].iter().find(|line| line.text == "state quick stop active") {
             break line.clone();
@@ -407,7 +409,7 @@ fn differential(name: &str) -> Option<()> {
     });
     right.anew();
     for _ in 0..20 {
-        curve(&mut robot);
+        curve(&mut robot, true);
         right.read();
     }
     assert!(right.log[right.from..].iter().all(|line| line.number("target").is_none_or(|target| target == 0)));
@@ -417,13 +419,14 @@ fn differential(name: &str) -> Option<()> {
     Some(())
 }
 
-/// Command of a program for 50 ms: 0.2 m/s, 0.4 rad/s to the right.
-fn curve(robot: &mut Robot) {
+/// Command of a program for 50 ms: 0.2 m/s, 0.4 rad/s to the right; or standstill.
+fn curve(robot: &mut Robot, drives: bool) {
+    let (vx, omega) = if drives { (0.2, -0.4) } else { (0.0, 0.0) };
     robot.publish(CmdVelocity {
         timestamp: 0,
-        vx: 0.2,
+        vx,
         vy: 0.0,
-        omega: -0.4,
+        omega,
         priority: CmdMotion::REMOTE,
         source: "test".into(),
         session: 1,
