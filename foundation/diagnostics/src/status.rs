@@ -9,6 +9,8 @@ use serde::Serialize;
 
 /// Speed below which the robot is at standstill, m/s.
 const STANDING: f64 = 0.005;
+/// Rotation below which it does not turn, rad/s.
+const TURNING: f64 = 0.02;
 /// Time without any message after which the robot is considered silent.
 const SILENT: Duration = Duration::from_secs(1);
 
@@ -88,14 +90,22 @@ impl Model {
             return status(RobotStatus::Fault, "driver_canbus does not report the drives".into());
         };
         let goal = self.goal.fresh(now);
-        let drives = motion.speed.abs() > STANDING;
+        // Of a base that goes sideways or turns on the spot the speed forward is not all of its motion.
+        let (aside, turn) = self.velocity.fresh(now).map_or((0.0, 0.0), |velocity| (velocity.vy, velocity.omega));
+        let speed =
+            if aside.abs() > STANDING { (motion.speed * motion.speed + aside * aside).sqrt() } else { motion.speed };
+        let drives = speed.abs() > STANDING || turn.abs() > TURNING;
         let with_source = |text: &str| match motion.source.as_str() {
             "" => text.to_owned(),
             source => format!("{text}; commanded by {}", source_in_words(source)),
         };
         if drives {
             return match motion.reason.is_empty() {
-                true => status(RobotStatus::Driving, with_source(&format!("{:.2} m/s", motion.speed))),
+                true if speed.abs() > STANDING => status(RobotStatus::Driving, with_source(&format!("{speed:.2} m/s"))),
+                true => {
+                    let text = format!("turns on the spot at {:.0} deg/s", turn.abs().to_degrees());
+                    status(RobotStatus::Driving, with_source(&text))
+                }
                 false => status(RobotStatus::Stopped, format!("the robot is stopping: {}", motion.reason)),
             };
         }

@@ -1,7 +1,7 @@
 use super::*;
 use base::{Duration, Instant};
 use messages::common::{DataFaults, DataProcesses, DataState, Error, EventText, Fault, Process};
-use messages::lowlevel::{self, DataHold, DataMotion, EventStop};
+use messages::lowlevel::{self, DataHold, DataMotion, DataVelocity, EventStop};
 use messages::middlelevel::DataGoal;
 use messages::{Channel, Hold, Message, simulation};
 
@@ -121,6 +121,17 @@ fn the_status_shows_the_most_important_cause_first() {
     say(&mut model, T0, holds("driver_canbus", &[]));
     say(&mut model, T0, motion(0.4, "", "planner"));
     assert_eq!(word(&model, T0), (RobotStatus::Driving, "0.40 m/s; commanded by planner".into()));
+    let velocity = |vy, omega| DataVelocity { vy, omega, ..DataVelocity::default() };
+    for (speed, vy, omega, words) in [
+        (0.3, 0.4, 0.0, "0.50 m/s; commanded by planner"),
+        (0.0, -0.2, 0.0, "0.20 m/s; commanded by planner"),
+        (0.0, 0.0, -0.35, "turns on the spot at 20 deg/s; commanded by planner"),
+    ] {
+        say(&mut model, T0, motion(speed, "", "planner"));
+        say(&mut model, T0, velocity(vy, omega));
+        assert_eq!(word(&model, T0), (RobotStatus::Driving, words.into()));
+    }
+    say(&mut model, T0, velocity(0.0, 0.0));
     for (source, words) in [("web:Jana", "Jana (web)"), ("diag:6323", "a terminal (advee diag)")] {
         say(&mut model, T0, motion(0.4, "", source));
         assert_eq!((word(&model, T0).1, model.driver()), (format!("0.40 m/s; commanded by {words}"), words.into()));

@@ -90,7 +90,10 @@ function Vitals() {
   const now = connection.value;
   if (drive.value === null || now.state === "connecting") return null;
   const motion = fresh(drive.value.motion);
-  const speed: Vital = motion === null ? { tone: "off", text: "–", title: t("Speed not known") } : { tone: "off", text: num(motion.speed, 2, "m/s"), title: t("Speed {speed}", { speed: num(motion.speed, 2, "m/s") }) };
+  const aside = fresh(drive.value?.velocity)?.vy ?? 0;
+  const along = motion?.speed ?? null;
+  const pace = along !== null && Math.abs(aside) > 0.01 ? Math.hypot(along, aside) : along;
+  const speed: Vital = motion === null ? { tone: "off", text: "–", title: t("Speed not known") } : { tone: "off", text: num(pace, 2, "m/s"), title: t("Speed {speed}", { speed: num(pace, 2, "m/s") }) };
   const rows: [string, LucideIcon, Vital][] = [
     ["speed", Gauge, speed],
     ...(drive.value.estimate.value ? ([["position", LocateFixed, position(fresh(drive.value.estimate), drive.value.ellipse)]] as [string, LucideIcon, Vital][]) : []),

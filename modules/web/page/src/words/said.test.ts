@@ -76,6 +76,7 @@ test("what the web server says is Czech where it is known, and stays as it is wh
       ["Jana (web)", "Jana (web)"],
       ["PAUSE: the red button", "PAUSE: červené tlačítko"],
       ["the robot is at standstill without a command", "robot stojí a nemá žádný povel"],
+      ["turns on the spot at 20 deg/s; commanded by planner", "otáčí se na místě, 20°/s; řídí plánovač"],
       ["the PAUSE line is engaged by bumper 2; release it, then resume", "je aktivní PAUSE: nárazník 2; uvolněte jej, pak zvolte Pokračovat"],
       ["planner is down: SIGKILL: killed; the robot does not move without it", "modul planner – neběží (SIGKILL: násilně ukončen); bez něj robot nejede"],
       ["creeping; otherwise must not move backward: nothing is known of sonar 3", "popojíždí; jinak nesmí se pohnout vzad: snímač sonar 3 nic neposílá"],

@@ -31,6 +31,7 @@ export const SENTENCES: readonly (readonly [RegExp, string | Turn])[] = [
 
   // The bound of the guard (foundation/diagnostics/src/guard.rs).
   [/^creeping; otherwise (.*)$/, ([rest], said) => `popojíždí; jinak ${said(rest ?? "")}`],
+  [/^turns on the spot at (\d+) deg\/s(?:; commanded by (.*))?$/, ([turn, by]) => `otáčí se na místě, ${turn}°/s${by ? `; řídí ${commander(by)}` : ""}`],
   [/^at most ([\d.]+) m\/s (forward|backward)(?:: (.*))?$/, ([speed, way, why], said) => `nejvýše ${decimal(speed)} m/s ${WAYS[way ?? ""]}${why ? `: ${said(why)}` : ""}`],
   [/^must not move (forward|backward)(?:: (.*))?$/, ([way, why], said) => `nesmí se pohnout ${WAYS[way ?? ""]}${why ? `: ${said(why)}` : ""}`],
   [/^nothing is known of (.*): its space counts as occupied$/, ([what]) => `snímač ${what} nic neposílá: jeho prostor platí za obsazený`],
