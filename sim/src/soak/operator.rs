@@ -432,8 +432,13 @@ impl Operator {
                 2 => Twist::new(vx, 0.0, omega),
                 _ => Twist::new(vx, vy, omega),
             };
-            let possible = self.base.as_ref().map_or(wanted, |(chassis, _)| chassis.feasible(wanted).twist);
-            return (Leg::Free(possible), self.between(leg.0, leg.1));
+            let possible = |wanted| self.base.as_ref().map_or(wanted, |(chassis, _)| chassis.feasible(wanted).twist);
+            // Of what a base cannot do nothing is left, and to stand is no leg: among people it has the most space.
+            let twist = match possible(wanted) {
+                nothing if nothing == Twist::default() => possible(Twist::new(vx, 0.0, omega)),
+                twist => twist,
+            };
+            return (Leg::Free(twist), self.between(leg.0, leg.1));
         }
         let forward = if self.random.chance(0.7) { 1.0 } else { -1.0 };
         let forward = self.away.unwrap_or(forward);
