@@ -334,7 +334,8 @@ impl Track {
         let length = 0.45 + 0.4 * now.speed.abs();
         let wanted = -sign * libm::atan(aside / length);
         let u = -2.0 * sign * (turned - wanted) / length;
-        let ahead = distance + now.speed.abs() * PREVIEW_S;
+        // Of a robot that stands as of one that just moves: with another angle for each it would stop to steer for ever.
+        let ahead = distance + now.speed.abs().max(SPEED_MIN_MPS) * PREVIEW_S;
         let preview =
             self.samples[self.at..=end].iter().find(|sample| sample.distance >= ahead).unwrap_or(&self.samples[end]);
         let curvature = preview.curvature + u;
