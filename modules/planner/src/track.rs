@@ -334,8 +334,11 @@ impl Track {
         let length = 0.45 + 0.4 * now.speed.abs();
         let wanted = -sign * libm::atan(aside / length);
         let u = -2.0 * sign * (turned - wanted) / length;
-        // Of a robot that stands as of one that just moves: with another angle for each it would stop to steer for ever.
-        let ahead = distance + now.speed.abs().max(SPEED_MIN_MPS) * PREVIEW_S;
+        // Of a steering as of a robot that just moves, although it stands: with another angle for each it would stop to
+        // steer for ever.
+        let steers = limits.rotation.is_infinite();
+        let slowest = if steers { SPEED_MIN_MPS } else { 0.0 };
+        let ahead = distance + now.speed.abs().max(slowest) * PREVIEW_S;
         let preview =
             self.samples[self.at..=end].iter().find(|sample| sample.distance >= ahead).unwrap_or(&self.samples[end]);
         let curvature = preview.curvature + u;
