@@ -12,10 +12,13 @@ use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::{Path, PathBuf};
 use std::process::Child;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 /// Timeout, longer than a loaded machine takes.
 const PATIENCE: Duration = Duration::from_secs(20);
+/// Folders made so far.
+static FOLDERS: AtomicU32 = AtomicU32::new(0);
 /// Attempts of a test with nodes in Python.
 const ATTEMPTS: u32 = 5;
 const FOLDER: &str = "buses/canopen/eds/others";
@@ -50,7 +53,9 @@ fn given(sheet: &str) -> &'static Given {
 /// Folder of a robot: the courier's measures and limits, and these wheels.
 fn robot(sheet: &Path, given: &Given) -> PathBuf {
     let name = sheet.file_name().expect("a file").to_str().expect("UTF-8");
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("sheet-{name}-{}", std::process::id()));
+    // Both tests try the same sheet, at the same time.
+    let (process, number) = (std::process::id(), FOLDERS.fetch_add(1, Ordering::Relaxed));
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("sheet-{name}-{process}-{number}"));
     fs::create_dir_all(&folder).expect("a folder");
     fs::copy(sheet, folder.join(name)).expect("a sheet of the tree");
     let courier = fs::read_to_string(workspace().join("conf/courier/robot.toml")).expect("the courier");
