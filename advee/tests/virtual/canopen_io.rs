@@ -1,15 +1,13 @@
 //! CANopen devices with inputs and outputs, and a battery by table, of the whole robot: emulated on the bus of the
 //! drives, faults included.
 
-use super::{Robot, place};
+use super::{Robot, with_tables};
 use base::Duration;
 use messages::lowlevel::{CmdOutput, DataBattery, DataIo};
 use messages::simulation::CmdFault;
 use messages::{Hold, Message};
-use robot::place::RobotLocation;
 use sim::host::{Config, News};
 use std::cell::RefCell;
-use std::path::Path;
 use std::rc::Rc;
 
 /// An I/O module, and a battery whose objects are the maker's.
@@ -58,15 +56,7 @@ struct Rig {
 impl Rig {
     /// The shipped robot with these tables; `fault` from the start on.
     fn with(name: &str, tables: &str, fault: Option<CmdFault>) -> Self {
-        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("canopen-{name}-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).expect("a folder");
-        let shipped = place();
-        for file in ["sim.toml", "modules.toml"] {
-            std::fs::copy(shipped.config.join(file), folder.join(file)).expect("the shipped configuration");
-        }
-        let robot = std::fs::read_to_string(shipped.config.join("robot.toml")).expect("the shipped configuration");
-        std::fs::write(folder.join("robot.toml"), robot + tables).expect("a file");
-        let place = RobotLocation { config: folder, ..shipped };
+        let place = with_tables(&format!("canopen-{name}"), tables);
         let config = Config { seed: 7, lcm_jitter: Duration::from_micros(200), ..Config::default() };
         let mut robot = Robot::at(&place, config);
         let observed = Rc::new(RefCell::new(Observed::default()));

@@ -1,14 +1,12 @@
 //! Inputs and outputs of the whole robot: driver and emulated devices, on a serial line and on a connection.
 
-use super::{Robot, place};
+use super::{Robot, with_tables};
 use base::Duration;
 use messages::lowlevel::{CmdOutput, CmdPower, DataBattery, DataIo, DataPower};
 use messages::simulation::CmdFault;
 use messages::{Hold, Message};
-use robot::place::RobotLocation;
 use sim::host::{Config, News};
 use std::cell::RefCell;
-use std::path::Path;
 use std::rc::Rc;
 
 const IO: &str = r#"
@@ -143,15 +141,7 @@ impl Rig {
 
     /// The shipped robot with these tables.
     fn with(name: &str, tables: &str) -> Self {
-        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("io-{name}-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).expect("a folder");
-        let shipped = place();
-        for file in ["sim.toml", "modules.toml"] {
-            std::fs::copy(shipped.config.join(file), folder.join(file)).expect("the shipped configuration");
-        }
-        let robot = std::fs::read_to_string(shipped.config.join("robot.toml")).expect("the shipped configuration");
-        std::fs::write(folder.join("robot.toml"), robot + tables).expect("a file");
-        let place = RobotLocation { config: folder, ..shipped };
+        let place = with_tables(&format!("io-{name}"), tables);
         let config = Config { seed: 7, lcm_jitter: Duration::from_micros(200), ..Config::default() };
         let mut robot = Robot::at(&place, config);
         let observed = Rc::new(RefCell::new(Observed::default()));

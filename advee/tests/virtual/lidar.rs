@@ -1,7 +1,7 @@
 //! Lidars of the whole robot: driver and emulated devices, on a serial line and on a connection, in the hall.
 
 use super::bases::Base;
-use super::{Robot, at, guarded_place, place, virtual_machine};
+use super::{Robot, at, guarded_place, place, virtual_machine, with_tables};
 use base::{Duration, Instant};
 use messages::lowlevel::{CmdMotion, CmdVelocity, DataScan};
 use messages::simulation::{CmdFault, DataTruth};
@@ -58,16 +58,8 @@ impl Rig {
     }
 
     fn with(name: &str, lidars: &str) -> Self {
-        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("lidar-{name}-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).expect("a folder");
-        let shipped = place();
-        for file in ["sim.toml", "modules.toml"] {
-            std::fs::copy(shipped.config.join(file), folder.join(file)).expect("the shipped configuration");
-        }
-        let robot = std::fs::read_to_string(shipped.config.join("robot.toml")).expect("the shipped configuration");
-        std::fs::write(folder.join("robot.toml"), robot + lidars).expect("a file");
-        let world = shipped.config.join("../worlds/empty.toml");
-        let place = RobotLocation { config: folder, world: Some(world), ..shipped };
+        let world = place().config.join("../worlds/empty.toml");
+        let place = RobotLocation { world: Some(world), ..with_tables(&format!("lidar-{name}"), lidars) };
         let config = Config { seed: 7, lcm_jitter: Duration::from_micros(200), ..Config::default() };
         let mut robot = Robot::at(&place, config);
         let observed = Rc::new(RefCell::new(Observed::default()));

@@ -82,6 +82,19 @@ fn guarded_place() -> RobotLocation {
     }
 }
 
+/// Shipped robot with these tables, in a folder of this name.
+fn with_tables(name: &str, tables: &str) -> RobotLocation {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let shipped = place();
+    for file in ["sim.toml", "modules.toml"] {
+        std::fs::copy(shipped.config.join(file), folder.join(file)).expect("the shipped configuration");
+    }
+    let robot = std::fs::read_to_string(shipped.config.join("robot.toml")).expect("the shipped configuration");
+    std::fs::write(folder.join("robot.toml"), robot + tables).expect("a file");
+    RobotLocation { config: folder, ..shipped }
+}
+
 /// Shipped robot without its middle level: the test estimates and plans.
 fn low_level() -> RobotLocation {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("low-level-{}", std::process::id()));

@@ -9,7 +9,6 @@ use messages::lowlevel::{CmdMotion, CmdVelocity};
 use nix::time::{ClockId, clock_gettime};
 use std::fmt::Write as _;
 use std::fs;
-use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::{Path, PathBuf};
 use std::process::Child;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -19,8 +18,6 @@ use std::time::{Duration, Instant};
 const PATIENCE: Duration = Duration::from_secs(20);
 /// Folders made so far.
 static FOLDERS: AtomicU32 = AtomicU32::new(0);
-/// Attempts of a test with nodes in Python.
-const ATTEMPTS: u32 = 5;
 const FOLDER: &str = "buses/canopen/eds/others";
 const WHEELS: [(u8, &str); 2] = [(1, "left"), (2, "right")];
 /// Motor turns per turn of a wheel; the right one is mounted the other way round.
@@ -337,28 +334,16 @@ fn foreign_sheets_are_driven_as_python_nodes_or_refused_as_the_guide_says() {
     assert!(guide.contains(&table), "docs/adding-a-drive.md has another table than this one:\n{table}");
 }
 
-/// Repeats a test that fails: a node in Python that is late on a busy machine misses the master's heartbeat and stops,
-/// as it must. A robot that does not drive it fails each time.
-fn attempts(test: impl Fn()) {
-    for attempt in 1.. {
-        match catch_unwind(AssertUnwindSafe(|| support::undisturbed(&test))) {
-            Err(failure) if attempt == ATTEMPTS => resume_unwind(failure),
-            Err(_) => eprintln!("attempt {attempt} failed"),
-            Ok(()) => return,
-        }
-    }
-}
-
 fn row_undisturbed(sheet: &Path) -> Option<String> {
     let found = std::cell::RefCell::new(None);
-    attempts(|| *found.borrow_mut() = row(sheet));
+    support::undisturbed(|| *found.borrow_mut() = row(sheet));
     found.into_inner()
 }
 
 /// A differential robot whose wheels are two processes: straight on, a turn on the spot, a curve; then one dies.
 #[test]
 fn foreign_sheets_make_a_differential_robot_that_stops_when_one_of_its_drives_dies() {
-    attempts(|| {
+    support::undisturbed(|| {
         let _skipped = differential("ros2_cia402_slave.eds");
     });
 }

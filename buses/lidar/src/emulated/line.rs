@@ -61,7 +61,7 @@ impl Line {
         self.bytes.clear();
     }
 
-    /// The device begins to send at `at`: the time before it is none of the line's, if it is idle.
+    /// The device begins to send at `at`: an idle line does not count the time before it.
     pub fn begin(&mut self, at: Instant) {
         if self.bytes.is_empty() {
             (self.served, self.left_ns) = (at, 0);

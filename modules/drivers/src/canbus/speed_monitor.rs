@@ -7,8 +7,8 @@
 //! does not brake at all. Evaluated at each measurement and at no other time, so late or lost frames raise no alarm.
 //!
 //! A drive that gains speed on a ramp of its own is judged by that ramp, too: faster than it would permit, and gaining
-//! more speed for [`CONFIRMATION`], is an alarm below the commanded speed as well. One that has reached the commanded
-//! speed too early and keeps it is none.
+//! more speed for [`CONFIRMATION`], is an alarm below the commanded speed as well. A drive that has reached the
+//! commanded speed too early and keeps it raises no alarm.
 
 use base::{Duration, Instant};
 use std::collections::VecDeque;

@@ -69,7 +69,7 @@ impl IoNode {
         Self { config, node, silent_until, misfit_until, opened: None, other: false }
     }
 
-    /// Injects a fault until an instant; false if it is none of its faults.
+    /// Injects a fault until an instant; false if it does not have this fault.
     pub fn inject(&mut self, now: Instant, injected: InjectedFault, until: Instant) -> bool {
         match injected {
             InjectedFault::Silent => self.silent_until = until,

@@ -49,7 +49,7 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// True if a motion is within them. A number that is none is not.
+    /// True if a motion is within them; false if any of it is not a number.
     fn permit(&self, motion: Motion) -> bool {
         match motion {
             Motion::Curve { speed, steering } => speed.abs() <= self.speed && steering.abs() <= self.steering,
