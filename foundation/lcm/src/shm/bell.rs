@@ -27,8 +27,9 @@ impl Sleeper {
     /// A new sleep begins. Look into the rings after this.
     pub fn sleep(&mut self, word: &Word) {
         self.sleep = self.sleep.wrapping_add(2) | 1;
-        // A swap, not a store: its place among the rings for the sleep before is then certain.
-        word.swap(self.sleep, Ordering::Relaxed);
+        // A swap, not a store: its place among the rings for the sleep before is then certain. Who sees it also sees
+        // that the reader counted as awake before it.
+        word.swap(self.sleep, Ordering::Release);
         fence(Ordering::SeqCst);
     }
 
@@ -45,7 +46,7 @@ pub fn written() {
 
 /// The sleep that the reader is in.
 pub fn asleep(word: &Word) -> Option<Value> {
-    Some(word.load(Ordering::Relaxed)).filter(|value| value & 1 == 1)
+    Some(word.load(Ordering::Acquire)).filter(|value| value & 1 == 1)
 }
 
 /// The bell has been rung for this sleep; others need not.

@@ -116,6 +116,8 @@ struct Peer {
     bell: Option<OwnedFd>,
     /// The sleep for which its bell was rung last from here, if it is another user's and cannot be marked as woken.
     rung: Option<Value>,
+    /// The sleep during which something was written that it wants: it has not read all, whether it was woken or not.
+    behind: Option<Value>,
     /// Sequence number up to which all was taken, from the ring or as datagrams.
     taken: Option<u32>,
     /// True if it will publish nothing more.
@@ -249,6 +251,7 @@ impl Bus {
             if let Some(sleep) = bell::asleep(peer.station.sleep())
                 && peer.station.wants(interest)
             {
+                peer.behind = Some(sleep);
                 // A datagram wakes it, too.
                 deaf |= !peer.ring(&self.folder, sleep);
             }
@@ -580,17 +583,16 @@ impl Bus {
             self.empty();
         }
         self.empty_in -= 1;
-        self.received = false;
-        self.station.set_awake(false);
         if self.station.drained() != self.generation {
             self.station.set_drained(self.generation);
             if mourns(&mut self.buried, sys::is_real_time) {
                 self.census();
             }
         }
-        self.sleeper.sleep(self.station.sleep());
+        self.announce();
         let pending = |peer: &Peer| peer.reader.as_ref().is_some_and(|reader| reader.pending(peer.station.ring()));
         if self.board.generation() == self.generation && !self.peers.iter().any(pending) {
+            self.station.set_awake(false);
             return true;
         }
         // What has come in between has perhaps rung no bell.
@@ -599,6 +601,14 @@ impl Bus {
             self.stay_readable();
         }
         false
+    }
+
+    /// Announces a sleep: publishers ring from now on. It counts as awake until it has found all rings empty.
+    pub(super) fn announce(&mut self) {
+        if !mem::take(&mut self.received) {
+            self.station.set_awake(true);
+        }
+        self.sleeper.sleep(self.station.sleep());
     }
 
     /// Empties the bell.
@@ -679,8 +689,19 @@ impl Bus {
                     let (source, ended) = (station.source(), station.ended() != 0);
                     let process = process(&name, station.uid());
                     let reader = self.reads.then(Reader::from_start);
-                    let (bell, rung, taken) = (None, None, None);
-                    self.peers.push(Peer { name, station, source, process, reader, bell, rung, taken, ended });
+                    let (bell, rung, behind, taken) = (None, None, None, None);
+                    self.peers.push(Peer {
+                        name,
+                        station,
+                        source,
+                        process,
+                        reader,
+                        bell,
+                        rung,
+                        behind,
+                        taken,
+                        ended,
+                    });
                 }
                 // It has left meanwhile.
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {}
@@ -824,11 +845,16 @@ pub(super) fn bell_has_edges() -> bool {
     *EDGES.get_or_init(|| probe().unwrap_or(false))
 }
 
-/// True if no reader has anything left to read: the others sleep, and this context has read its own.
+/// True if no reader has anything left to read that it wants: the others sleep, found all rings empty before that, and
+/// nothing was written for them since; and this context has read its own.
 fn drained(peers: &[Peer], own: &str) -> bool {
-    peers.iter().all(|Peer { name, station, reader, .. }| match reader {
+    peers.iter().all(|Peer { name, station, reader, behind, .. }| match reader {
         Some(reader) if name == own => !reader.pending(station.ring()),
-        _ => !station.reads() || !station.is_awake() && bell::asleep(station.sleep()).is_some(),
+        // The sleep first: the one that it shows began before the answer to whether it is awake.
+        _ => {
+            !station.reads()
+                || bell::asleep(station.sleep()).is_some_and(|sleep| *behind != Some(sleep)) && !station.is_awake()
+        }
     })
 }
 

@@ -217,13 +217,13 @@ impl Station {
         self.word(SLEEP)
     }
 
-    /// True if it has received something since it slept. Its word of sleep shows that only once it was marked as woken,
-    /// which not everybody who rings may do.
+    /// False if it sleeps and found all rings empty before it did. Its word of sleep shows neither: a sleep is announced
+    /// before the rings are looked into, and not everybody who rings may mark it as woken.
     pub fn is_awake(&self) -> bool {
         self.word(AWAKE).load(Ordering::Relaxed) != 0
     }
 
-    /// It has received something, or begins to sleep.
+    /// It has received something or is about to announce a sleep; or it found all rings empty and sleeps.
     pub fn set_awake(&self, awake: bool) {
         self.word(AWAKE).store(Value::from(awake), Ordering::Relaxed);
     }

@@ -290,6 +290,22 @@ fn a_reader_that_is_awake_is_not_taken_for_one_that_has_read_all() {
 }
 
 #[test]
+fn a_reader_that_only_announced_its_sleep_is_not_taken_for_one_that_has_read_all() {
+    let place = Place::new();
+    let mut publisher = place.join(1);
+    let mut reader = place.reader(2, Some(&["A"]));
+    let payload = [0; 60_000];
+    publisher.publish(0, "A", &payload, 0);
+    assert_eq!(all(&mut reader).len(), 1);
+    // It found the ring empty, announces a sleep, and is preempted before it looks into the ring once more.
+    for n in 1..40 {
+        publisher.publish(n, "A", &payload, 0);
+        reader.announce();
+    }
+    assert_eq!((all(&mut reader).len(), reader.take_lost()), (39, 0));
+}
+
+#[test]
 fn a_reader_that_falls_behind_loses_the_oldest_and_counts_them() {
     let place = Place::new();
     let mut publisher = place.join(1);
