@@ -690,18 +690,7 @@ impl Bus {
                     let process = process(&name, station.uid());
                     let reader = self.reads.then(Reader::from_start);
                     let (bell, rung, behind, taken) = (None, None, None, None);
-                    self.peers.push(Peer {
-                        name,
-                        station,
-                        source,
-                        process,
-                        reader,
-                        bell,
-                        rung,
-                        behind,
-                        taken,
-                        ended,
-                    });
+                    self.peers.push(Peer { name, station, source, process, reader, bell, rung, behind, taken, ended });
                 }
                 // It has left meanwhile.
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {}
