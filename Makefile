@@ -6,7 +6,7 @@ PROFILE = release
 ADVEE = target/$(PROFILE)/advee
 PAGE = modules/web/page
 
-.PHONY: run build web web-test e2e screenshots test test-fast fuzz bad-input lint lab lab-short lab-test deb reproducible arm bench generate docs clean
+.PHONY: run build web web-test e2e screenshots test test-fast fuzz bad-input lint lint-code lint-docs lab lab-short lab-test deb reproducible arm bench generate docs clean
 
 run: build
 	$(ADVEE) up --sim
@@ -43,13 +43,13 @@ test: export ADVEE_PEERS := required
 test: export ADVEE_SKIPPED := $(CURDIR)/target/skipped
 # The executable that the tests were built with: a build of its own selects other features, and compiles all crates anew.
 test: export BUILT := yes
-test: lint web-test
+test: lint-code web-test
 	@tools/require cc c++ cmake python3-venv python3-dev glib java mono rust-bare ip
 	@tools/venv
 	@tools/ros2-types
 	@tools/lcm-1.3.1
 	@rm -f $(ADVEE_SKIPPED)
-	tools/run-tests
+	tools/run-tests --beside tools/sabotage\ build --beside $(MAKE)\ lint-docs
 	tools/sabotage
 	$(MAKE) e2e
 	$(MAKE) lab-short
@@ -71,11 +71,15 @@ bad-input: web
 	@tools/require cc
 	BAD_INPUT_MINUTES=$(MINUTES) cargo test -p advee --locked --test it bad_input_leaves_the_robot -- --nocapture
 
-lint: web
+lint: lint-code lint-docs
+
+lint-code: web
 	@tools/require cc
 	cargo fmt --all --check
 	rustfmt --edition 2024 --check advee/tests/sabotage/bug.rs advee/tests/sabotage/main.rs
 	cargo clippy --workspace --all-targets --locked -- -D warnings
+
+lint-docs: web
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked
 
 # Tests on real kernel drivers and a real init system, in virtual machines (lab/README.md).
