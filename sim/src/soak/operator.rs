@@ -134,6 +134,9 @@ pub(super) struct Operator {
     goal: i32,
     /// What the planner says about the goal.
     answer: String,
+    /// The planner waits for whoever stands in its way, since then.
+    blocked: bool,
+    blocked_since: Option<Instant>,
     goals: Goals,
 }
 
@@ -176,6 +179,8 @@ impl Operator {
             tends: Instant::ZERO,
             goal: 0,
             answer: String::new(),
+            blocked: false,
+            blocked_since: None,
             goals: Goals::default(),
         }
     }
@@ -196,19 +201,30 @@ impl Operator {
             Message::CmDataProcesses(list) => self.processes = list.clone(),
             Message::MlDataGoal(goal) if goal.id == self.goal && matches!(self.doing, Doing::Waits(_)) => {
                 self.answer.clone_from(&goal.message);
-                self.goals.take(goal);
-                let gives_up = [middlelevel::DataGoal::BLOCKED, middlelevel::DataGoal::FAILED];
-                self.by_hand |= gives_up.contains(&goal.status);
-                if goal.status != middlelevel::DataGoal::DRIVING && goal.status != middlelevel::DataGoal::IDLE {
-                    self.doing = Doing::Silent(Instant::ZERO);
+                self.blocked = goal.status == middlelevel::DataGoal::BLOCKED;
+                if self.blocked && self.behaviour.patience > 0.0 {
+                    return;
                 }
+                self.blocked_since = None;
+                self.take(goal);
             }
             _ => {}
         }
     }
 
+    /// Takes what the planner reports about the goal; does not let it wait any longer.
+    fn take(&mut self, goal: &middlelevel::DataGoal) {
+        self.goals.take(goal);
+        let gives_up = [middlelevel::DataGoal::BLOCKED, middlelevel::DataGoal::FAILED];
+        self.by_hand |= gives_up.contains(&goal.status);
+        if goal.status != middlelevel::DataGoal::DRIVING && goal.status != middlelevel::DataGoal::IDLE {
+            self.doing = Doing::Silent(Instant::ZERO);
+        }
+    }
+
     /// Acts at this time; passes each message to `say`.
     pub fn act(&mut self, now: Instant, mut say: impl FnMut(Message)) {
+        self.lose_patience(now);
         self.tend(now, &mut say);
         self.watch(now);
         match self.doing {
@@ -224,6 +240,15 @@ impl Operator {
             Doing::Drive { leg, .. } => leg,
         };
         say(self.last.message());
+    }
+
+    /// Gives up a goal whose way has been blocked for too long.
+    fn lose_patience(&mut self, now: Instant) {
+        if !matches!(self.doing, Doing::Waits(_)) || !self.blocked {
+            self.blocked_since = None;
+        } else if now.since(*self.blocked_since.get_or_insert(now)).as_secs_f64() >= self.behaviour.patience {
+            self.take(&middlelevel::DataGoal { status: middlelevel::DataGoal::BLOCKED, ..Default::default() });
+        }
     }
 
     /// True if it could drive, as far as it sees.
@@ -357,7 +382,8 @@ impl Operator {
 
     /// Sends a goal to the planner.
     fn send(&mut self, now: Instant, say: &mut impl FnMut(Message)) {
-        self.doing = Doing::Waits(now + GOAL_TIME_MAX);
+        self.doing = Doing::Waits(now + GOAL_TIME_MAX + Duration::from_secs_f64(self.behaviour.patience));
+        self.blocked = false;
         self.goal += 1;
         self.goals.sent += 1;
         self.answer.clear();
