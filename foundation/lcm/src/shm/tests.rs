@@ -699,6 +699,31 @@ fn who_joins_while_the_last_one_leaves_is_on_the_same_bus_as_all_others() {
     assert_eq!(fs::read_dir(&place.root).unwrap().count(), 0);
 }
 
+/// Beyond that there is perhaps no memory: touching it would cut the ring.
+#[test]
+fn a_ring_that_may_not_grow_touches_only_what_was_reserved() {
+    let words = |count| (0..count).map(|_| Word::new(0)).collect::<Vec<Word>>();
+    let (control, data) = (words(CONTROL), words(4096 / size_of::<Value>()));
+    let ring = Ring { control: &control, data: &data };
+    let (mut writer, mut reader, mut copy) = (Writer::new(ring), Reader::from_start(), Copy::default());
+    let reserved = 2048;
+    writer.limit(reserved);
+    // Of 128 bytes in the ring: 16 of them are as long as what was reserved.
+    let payload = [1; 96];
+    for sequence in 0..100 {
+        let message = Message { sequence, at: 0, channel: "A", payload: &payload, kind: Kind::Message };
+        let place = writer.place(ring, "A", payload.len(), || false).unwrap();
+        assert!(place.reach <= reserved, "{sequence}");
+        writer.write(ring, place, &message);
+        let beyond = &data[reserved / size_of::<Value>()..];
+        assert!(beyond.iter().all(|word| word.load(Ordering::Relaxed) == 0), "{sequence}");
+        // Perhaps after the end of a lap.
+        let read = (0..2).map(|_| reader.read(ring, &mut copy, |_| true, |_| true)).find(|read| *read != Read::Passed);
+        assert_eq!((read, copy.header.sequence), (Some(Read::Message(Kind::Message)), sequence));
+    }
+    assert_eq!((reader.lost, reader.corrupt), (0, 0));
+}
+
 /// A ring full of records whose payloads lie in files that are gone.
 #[test]
 fn payloads_that_cannot_be_fetched_end_a_turn() {
