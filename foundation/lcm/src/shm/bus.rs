@@ -265,16 +265,14 @@ impl Bus {
     fn write(&mut self, sequence: u32, channel: &str, payload: &[u8], at: i64) -> io::Result<()> {
         loop {
             let ring = self.station.ring();
-            let (kind, place) =
-                match self.writer.place(ring, channel, payload.len(), || drained(&self.peers, &self.name)) {
-                    Some(place) => (Kind::Message, place),
-                    None => {
-                        self.put_aside(sequence, payload)?;
-                        let ring = self.station.ring();
-                        let place = self.writer.place(ring, channel, 0, || drained(&self.peers, &self.name));
-                        (Kind::Aside, place.ok_or(io::ErrorKind::OutOfMemory)?)
-                    }
-                };
+            let (kind, place) = match self.writer.place(ring, channel, payload.len(), || self.drained()) {
+                Some(place) => (Kind::Message, place),
+                None => {
+                    self.put_aside(sequence, payload)?;
+                    let place = self.writer.place(self.station.ring(), channel, 0, || self.drained());
+                    (Kind::Aside, place.ok_or(io::ErrorKind::OutOfMemory)?)
+                }
+            };
             if place.reach <= self.reserved {
                 let message = Message { sequence, at, channel, payload, kind };
                 self.writer.write(self.station.ring(), place, &message);
@@ -287,6 +285,16 @@ impl Bus {
                 Err(_) => self.writer.limit(self.reserved),
             }
         }
+    }
+
+    /// True if no reader has anything left to read that it wants: the others sleep, found all rings empty before that,
+    /// and nothing was written for them since; and this context has read its own.
+    fn drained(&self) -> bool {
+        let has_read_all = |Peer { name, station, reader, behind, .. }: &Peer| match reader {
+            Some(reader) if *name == self.name => !reader.pending(station.ring()),
+            _ => !station.reads() || bell::has_read_all(station.sleep(), station.awake(), *behind),
+        };
+        self.peers.iter().all(has_read_all)
     }
 
     fn put_aside(&mut self, sequence: u32, payload: &[u8]) -> io::Result<()> {
@@ -465,7 +473,7 @@ impl Bus {
                 self.next_turn();
             }
             if !mem::replace(&mut self.received, true) {
-                self.station.set_awake(true);
+                bell::received(self.station.awake());
             }
             return true;
         }
@@ -592,7 +600,7 @@ impl Bus {
         self.announce();
         let pending = |peer: &Peer| peer.reader.as_ref().is_some_and(|reader| reader.pending(peer.station.ring()));
         if self.board.generation() == self.generation && !self.peers.iter().any(pending) {
-            self.station.set_awake(false);
+            bell::found_nothing(self.station.awake());
             return true;
         }
         // What has come in between has perhaps rung no bell.
@@ -605,10 +613,8 @@ impl Bus {
 
     /// Announces a sleep: publishers ring from now on. It counts as awake until it has found all rings empty.
     pub(super) fn announce(&mut self) {
-        if !mem::take(&mut self.received) {
-            self.station.set_awake(true);
-        }
-        self.sleeper.sleep(self.station.sleep());
+        self.received = false;
+        self.sleeper.announce(self.station.sleep(), self.station.awake());
     }
 
     /// Empties the bell.
@@ -690,18 +696,7 @@ impl Bus {
                     let process = process(&name, station.uid());
                     let reader = self.reads.then(Reader::from_start);
                     let (bell, rung, behind, taken) = (None, None, None, None);
-                    self.peers.push(Peer {
-                        name,
-                        station,
-                        source,
-                        process,
-                        reader,
-                        bell,
-                        rung,
-                        behind,
-                        taken,
-                        ended,
-                    });
+                    self.peers.push(Peer { name, station, source, process, reader, bell, rung, behind, taken, ended });
                 }
                 // It has left meanwhile.
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {}
@@ -843,19 +838,6 @@ pub(super) fn bell_has_edges() -> bool {
         nix::Result::Ok(edges == 2)
     };
     *EDGES.get_or_init(|| probe().unwrap_or(false))
-}
-
-/// True if no reader has anything left to read that it wants: the others sleep, found all rings empty before that, and
-/// nothing was written for them since; and this context has read its own.
-fn drained(peers: &[Peer], own: &str) -> bool {
-    peers.iter().all(|Peer { name, station, reader, behind, .. }| match reader {
-        Some(reader) if name == own => !reader.pending(station.ring()),
-        // The sleep first: the one that it shows began before the answer to whether it is awake.
-        _ => {
-            !station.reads()
-                || bell::asleep(station.sleep()).is_some_and(|sleep| *behind != Some(sleep)) && !station.is_awake()
-        }
-    })
 }
 
 /// The process that has a station.
