@@ -288,13 +288,16 @@ impl Bus {
     }
 
     /// True if no reader has anything left to read that it wants: the others sleep, found all rings empty before that,
-    /// and nothing was written for them since; and this context has read its own.
+    /// and nothing was written for them since; and this context has read its own. A reader whose station cannot be
+    /// opened, or was truncated, reads this ring as well, and does not show how far.
     fn drained(&self) -> bool {
         let has_read_all = |Peer { name, station, reader, behind, .. }: &Peer| match reader {
             Some(reader) if *name == self.name => !reader.pending(station.ring()),
             _ => !station.reads() || bell::has_read_all(station.sleep(), station.awake(), *behind),
         };
-        self.peers.iter().all(has_read_all)
+        self.unopened.is_empty()
+            && self.cut.is_empty()
+            && self.peers.iter().all(|peer| has_read_all(peer) && !peer.station.is_cut())
     }
 
     fn put_aside(&mut self, sequence: u32, payload: &[u8]) -> io::Result<()> {

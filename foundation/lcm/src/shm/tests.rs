@@ -488,6 +488,21 @@ fn a_reader_whose_own_station_was_cut_hears_those_who_were_there_and_those_who_c
     }
 }
 
+/// It does not show how far it has read.
+#[test]
+fn a_reader_whose_own_station_was_cut_loses_nothing_of_a_burst() {
+    let place = Place::new();
+    let mut reader = place.reader(1, None);
+    let own = place.station();
+    let mut publisher = place.join(2);
+    assert!(all(&mut reader).is_empty());
+    cut(&own, 0);
+    for n in 0..40 {
+        publisher.publish(n, "A", &[0; 60_000], 0);
+    }
+    assert_eq!(all(&mut reader).len(), 40);
+}
+
 #[test]
 fn a_board_that_was_cut_makes_no_message_come_twice() {
     let place = Place::new();
