@@ -594,14 +594,15 @@ impl Bus {
             self.empty();
         }
         self.empty_in -= 1;
-        if self.station.drained() != self.generation {
+        let pending = |peer: &Peer| peer.reader.as_ref().is_some_and(|reader| reader.pending(peer.station.ring()));
+        // After a turn of the socket, for example, there may be something left to read.
+        if self.station.drained() != self.generation && !self.peers.iter().any(pending) {
             self.station.set_drained(self.generation);
             if mourns(&mut self.buried, sys::is_real_time) {
                 self.census();
             }
         }
         self.announce();
-        let pending = |peer: &Peer| peer.reader.as_ref().is_some_and(|reader| reader.pending(peer.station.ring()));
         if self.board.generation() == self.generation && !self.peers.iter().any(pending) {
             bell::found_nothing(self.station.awake());
             return true;

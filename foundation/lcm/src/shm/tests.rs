@@ -429,6 +429,23 @@ fn a_reader_takes_all_of_a_dead_publisher_before_it_is_taken_away() {
 }
 
 #[test]
+fn what_a_publisher_left_stays_until_a_reader_that_was_interrupted_has_read_it() {
+    let place = Place::new();
+    let mut reader = place.reader(1, None);
+    let mut publisher = place.join(2);
+    let mut other = place.join(3);
+    publisher.publish(0, "A", b"", 0);
+    publisher.publish(1, "BIG", &vec![7; 3 << 20], 0);
+    drop(publisher);
+    // As after a turn of the socket, which had nothing.
+    assert!(reader.recv(|_| true, |_, _| true) && !reader.sleep(true));
+    other.look_around();
+    let got = all(&mut reader);
+    assert!(got.len() == 1 && got[0].1.len() == 3 << 20, "{}", got.len());
+    assert_eq!(reader.take_lost(), 0);
+}
+
+#[test]
 fn what_is_no_station_or_of_another_layout_disturbs_nobody() {
     let place = Place::new();
     let mut reader = place.reader(1, None);
