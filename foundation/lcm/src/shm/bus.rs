@@ -245,6 +245,10 @@ impl Bus {
             }
         }
         bell::written();
+        // A reader that came since may sleep already: then its coming is seen here.
+        if self.board.generation() != self.generation {
+            self.scan();
+        }
         let interest = Interest::of(channel);
         let mut deaf = !self.unopened.is_empty();
         for peer in &mut self.peers {
