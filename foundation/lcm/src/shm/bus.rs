@@ -64,7 +64,8 @@ pub struct Bus {
     reads: bool,
     /// It needs datagrams.
     plain: bool,
-    /// Its board was truncated, so it never learns of those who come.
+    /// Its board was truncated, or the folder could not be listed, so it does not learn of all who come: those that it
+    /// does not know yet are received by datagrams.
     blind: bool,
     bus: SocketAddrV4,
     ttl: u8,
@@ -665,7 +666,8 @@ impl Bus {
     fn scan(&mut self) {
         let generation = self.board.generation();
         let names = self.folder.stations().unwrap_or_else(|_| {
-            self.plain = true;
+            // Those who are found later may have been received by datagrams before.
+            (self.plain, self.blind) = (true, true);
             self.peers.iter().map(|peer| peer.name.clone()).collect()
         });
         for peer in &mut self.peers {

@@ -540,6 +540,21 @@ fn a_board_that_was_cut_makes_no_message_come_twice() {
 }
 
 #[test]
+fn a_folder_that_cannot_be_listed_for_a_moment_makes_no_message_come_twice() {
+    let place = Place::new();
+    let mut reader = place.reader(1, None);
+    let mut publisher = place.join(2);
+    let (folder, away) = (place.folder(), place.root.with_extension("away"));
+    fs::rename(&folder, &away).unwrap();
+    let dropped = reader.takes(source(2), 0, 0);
+    fs::rename(&away, &folder).unwrap();
+    assert!(!dropped && publisher.publish(0, "A", b"", 0) && !reader.takes(source(2), 0, 0), "it comes as a datagram");
+    publisher.moved(source(2));
+    assert!(names(&mut reader).is_empty(), "it was received");
+    assert!(publisher.publish(1, "A", b"", 0) && !reader.takes(source(2), 1, 0));
+}
+
+#[test]
 fn datagrams_of_a_publisher_that_has_retired_wait_for_its_ring() {
     let place = Place::new();
     let mut reader = place.reader(1, None);
