@@ -33,6 +33,9 @@ const LOOK_MS: Value = 1000;
 /// Age of the last check from which a thread with a real-time priority sends datagrams, too. It never checks by itself:
 /// that takes 2 ms on a small processor, and other threads do it.
 const OVERDUE_MS: Value = 2 * LOOK_MS;
+/// Maximum time by which another's look may be later than the time that was taken here, ms. Words of 32 bits come around
+/// after 50 days: any other age is that of a bus on which nobody has published for as long.
+const AHEAD_MS: Value = 60_000;
 /// Maximum number of records that one [`Bus::recv`] passes over before it returns.
 const PASSED_MAX: usize = 4096;
 /// Cost of a payload that could not be fetched from its file, in such records: a system call or three.
@@ -885,7 +888,7 @@ enum Due {
 
 /// Whose turn it is, `age` ms after the last look; ages come around.
 fn due(age: Value, is_real_time: impl FnOnce() -> bool) -> Due {
-    match (LOOK_MS..Value::MAX / 2).contains(&age) {
+    match (LOOK_MS..Value::MAX - AHEAD_MS).contains(&age) {
         false => Due::No,
         true if is_real_time() => Due::Elsewhere,
         true => Due::Here,
@@ -921,7 +924,7 @@ mod tests {
     fn a_look_is_left_to_those_without_a_real_time_priority() {
         let turn = |age| [false, true].map(|real_time| due(age, || real_time));
         assert_eq!(turn(LOOK_MS - 1), [Due::No; 2]);
-        for age in [LOOK_MS, OVERDUE_MS, 100 * LOOK_MS] {
+        for age in [LOOK_MS, OVERDUE_MS, 100 * LOOK_MS, Value::MAX / 4 * 3] {
             assert_eq!(turn(age), [Due::Here, Due::Elsewhere]);
         }
         assert_eq!(turn(Value::MAX), [Due::No; 2], "another looked after we took the time");
