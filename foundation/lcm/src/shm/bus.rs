@@ -498,6 +498,11 @@ impl Bus {
         (self.copy.channel(), &self.copy.payload[..header.len as usize], header.at)
     }
 
+    /// When that message was published: as in [`Bus::message`], without a look at the rest of it.
+    pub fn published(&self) -> i64 {
+        self.copy.header.at
+    }
+
     /// Publisher of that message.
     pub fn from(&self) -> Option<Process> {
         self.from
