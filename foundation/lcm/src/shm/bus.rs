@@ -646,11 +646,14 @@ impl Bus {
         }
     }
 
-    /// Makes the bell readable, so that a caller that waits before it has received all does not wait.
+    /// Makes the bell readable, with an edge, so that a caller that waits before it has received all does not wait.
     fn stay_readable(&mut self) {
-        if write(&self.bell, &[0]).is_err() {
+        // Where only the first byte makes an edge, it must be this one.
+        if !bell_has_edges() || write(&self.bell, &[0]).is_err() {
             self.empty();
             let _ = write(&self.bell, &[0]);
+            // The next sleep begins with an empty bell.
+            self.empty_in = 0;
         }
     }
 
