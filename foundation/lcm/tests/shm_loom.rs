@@ -31,7 +31,7 @@ use bell::Sleeper;
 use loom::sync::{Arc, Mutex};
 use loom::thread;
 use ring::{CONTROL, Copy, Kind, Message, Read, Reader, Ring, Writer};
-use sync::{Ordering, Word};
+use sync::{Ordering, Value, Word};
 
 /// 32 grains: six records of five, and a rest that holds no header.
 const GRAINS: usize = 32;
@@ -52,7 +52,12 @@ impl Shared {
     }
 
     fn write(&self, writer: &mut Writer, sequence: u32) {
-        let place = writer.place(self.ring(), "C", 8, || false).expect("it fits");
+        self.write_after(writer, sequence, || false);
+    }
+
+    /// Perhaps at the start of a lap: `drained` as in [`Writer::place`].
+    fn write_after(&self, writer: &mut Writer, sequence: u32, drained: impl FnOnce() -> bool) {
+        let place = writer.place(self.ring(), "C", 8, drained).expect("it fits");
         let payload = u64::from(sequence).wrapping_mul(0x0101_0101_0101_0101).to_ne_bytes();
         let message =
             Message { sequence, at: i64::from(sequence), channel: "C", payload: &payload, kind: Kind::Message };
@@ -204,4 +209,123 @@ fn a_late_ring_does_not_spoil_the_next_sleep() {
         second.join().expect("no panic");
         assert!(seen == 2 || *rings.lock().expect("no panic") > 0, "asleep with a message");
     });
+}
+
+/// A publisher's ring, and the words of the one reader that it has.
+struct Pair {
+    shared: Arc<Shared>,
+    sleep: Word,
+    awake: Word,
+}
+
+struct Publisher {
+    writer: Writer,
+    behind: Option<Value>,
+    /// It is of the reader's user, and may mark it as woken.
+    ours: bool,
+}
+
+struct Receiver {
+    reader: Reader,
+    copy: Copy,
+    sleeper: Sleeper,
+    got: Vec<u32>,
+}
+
+impl Pair {
+    fn new(ours: bool) -> (Arc<Self>, Publisher, Receiver) {
+        let pair = Self { shared: Shared::new(), sleep: Word::new(0), awake: Word::new(0) };
+        let publisher = Publisher { writer: Writer::new(pair.shared.ring()), behind: None, ours };
+        let (reader, copy, sleeper) = (Reader::from_start(), Copy::default(), Sleeper::default());
+        (Arc::new(pair), publisher, Receiver { reader, copy, sleeper, got: Vec::new() })
+    }
+
+    /// As a bus does it; true if this message starts a lap before the end of the one before.
+    fn publish(&self, publisher: &mut Publisher, sequence: u32) -> bool {
+        let (behind, mut early) = (publisher.behind, false);
+        self.shared.write_after(&mut publisher.writer, sequence, || {
+            early = bell::has_read_all(&self.sleep, &self.awake, behind);
+            early
+        });
+        bell::written();
+        if let Some(sleep) = bell::asleep(&self.sleep) {
+            publisher.behind = Some(sleep);
+            if publisher.ours {
+                bell::rang(&self.sleep, sleep);
+            }
+        }
+        early
+    }
+
+    /// Takes a record.
+    fn recv(&self, receiver: &mut Receiver) {
+        if let Some(sequence) = self.shared.read(&mut receiver.reader, &mut receiver.copy) {
+            bell::received(&self.awake);
+            receiver.got.push(sequence);
+        }
+    }
+
+    /// As a bus does it; false if there is something to read.
+    fn sleep(&self, receiver: &mut Receiver) -> bool {
+        receiver.sleeper.announce(&self.sleep, &self.awake);
+        let pending = receiver.reader.pending(self.shared.ring());
+        match pending {
+            false => bell::found_nothing(&self.awake),
+            true => receiver.sleeper.wake(&self.sleep),
+        }
+        !pending
+    }
+}
+
+#[test]
+fn no_lap_starts_early_over_what_a_reader_that_goes_to_sleep_has_not_read() {
+    for ours in [true, false] {
+        model(2, move || {
+            let (pair, mut publisher, mut receiver) = Pair::new(ours);
+            let theirs = pair.clone();
+            let reading = thread::spawn(move || {
+                // The ring was empty just now. Something else wakes it after the first sleep.
+                theirs.sleep(&mut receiver);
+                theirs.sleep(&mut receiver);
+                receiver
+            });
+            // The third one goes where the first one is, if it starts a lap.
+            for sequence in 0..3 {
+                assert!(!pair.publish(&mut publisher, sequence), "a lap over {sequence} messages");
+            }
+            let mut receiver = reading.join().expect("no panic");
+            (0..3).for_each(|_| pair.recv(&mut receiver));
+            assert_eq!((receiver.got, receiver.reader.lost, receiver.reader.corrupt), (vec![0, 1, 2], 0, 0));
+        });
+    }
+}
+
+#[test]
+fn a_lap_starts_early_once_the_reader_has_read_all() {
+    for ours in [true, false] {
+        let lapped = std::sync::Arc::new(std::sync::atomic::AtomicBool::new(false));
+        let seen = lapped.clone();
+        model(2, move || {
+            let (pair, mut publisher, mut receiver) = Pair::new(ours);
+            assert!(!pair.publish(&mut publisher, 0) && !pair.publish(&mut publisher, 1));
+            (0..2).for_each(|_| pair.recv(&mut receiver));
+            assert!(pair.sleep(&mut receiver));
+            assert!(pair.publish(&mut publisher, 2) && !pair.publish(&mut publisher, 3));
+            let theirs = pair.clone();
+            let reading = thread::spawn(move || {
+                // The end of the lap, and two messages.
+                (0..3).for_each(|_| theirs.recv(&mut receiver));
+                theirs.sleep(&mut receiver);
+                receiver
+            });
+            if pair.publish(&mut publisher, 4) {
+                seen.store(true, Ordering::Relaxed);
+            }
+            let mut receiver = reading.join().expect("no panic");
+            (0..2).for_each(|_| pair.recv(&mut receiver));
+            let (got, lost, corrupt) = (receiver.got, receiver.reader.lost, receiver.reader.corrupt);
+            assert_eq!((got, lost, corrupt), (vec![0, 1, 2, 3, 4], 0, 0));
+        });
+        assert!(lapped.load(Ordering::Relaxed), "never");
+    }
 }

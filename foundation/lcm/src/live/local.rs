@@ -111,7 +111,7 @@ impl Local {
 
     /// When that was published, and by whom.
     pub fn provenance(&self) -> Provenance {
-        let published = self.bus.message().2;
+        let published = self.bus.published();
         let origin = self.bus.from().map_or(Origin::Host(None), Origin::Memory);
         Provenance { at: published.saturating_add(self.offset), published: Some(published), origin }
     }

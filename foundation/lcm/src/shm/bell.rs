@@ -1,4 +1,6 @@
-//! Whether a reader sleeps: one word that it writes and that publishers answer.
+//! Whether a reader sleeps: one word that it writes and that publishers answer; and another that it alone writes, from
+//! which publishers know whether it has read all ([`has_read_all`]).
+//!
 //! An odd value is a sleep, each with another value; an even one means awake, or woken already. A reader first
 //! announces its sleep, then checks all rings again, and sleeps only if they are empty; a publisher first writes, then
 //! checks if the reader sleeps. One of the two sees the other, because both sides have a full fence between store and
@@ -33,10 +35,36 @@ impl Sleeper {
         fence(Ordering::SeqCst);
     }
 
+    /// Announces a sleep: publishers ring from now on. It counts as awake until it has [`found_nothing`]. Look into the
+    /// rings after this.
+    pub fn announce(&mut self, word: &Word, awake: &Word) {
+        received(awake);
+        self.sleep(word);
+    }
+
     /// Marks the reader as awake: no bell is needed.
     pub fn wake(&self, word: &Word) {
         word.store(self.sleep.wrapping_add(1), Ordering::Relaxed);
     }
+}
+
+/// The reader has received something, or perhaps will.
+pub fn received(awake: &Word) {
+    awake.store(1, Ordering::Relaxed);
+}
+
+/// The reader found all rings empty after it announced its sleep.
+pub fn found_nothing(awake: &Word) {
+    awake.store(0, Ordering::Relaxed);
+}
+
+/// True if a reader has read all that a publisher wrote for it; `behind` is the sleep in which that publisher last found
+/// it when it wrote for it. The reader sleeps, found all rings empty after it announced that, and nothing came since. Its
+/// word of sleep alone does not show it: a sleep is announced before the rings are looked into, and not everybody who
+/// rings may mark the reader as woken.
+pub fn has_read_all(word: &Word, awake: &Word, behind: Option<Value>) -> bool {
+    // The sleep first: the one that it shows began before the answer to whether it is awake.
+    asleep(word).is_some_and(|sleep| behind != Some(sleep)) && awake.load(Ordering::Relaxed) == 0
 }
 
 /// A publisher's side, before it looks at any sleeper: what it has written comes first.

@@ -33,6 +33,9 @@ const LOOK_MS: Value = 1000;
 /// Age of the last check from which a thread with a real-time priority sends datagrams, too. It never checks by itself:
 /// that takes 2 ms on a small processor, and other threads do it.
 const OVERDUE_MS: Value = 2 * LOOK_MS;
+/// Maximum time by which another's look may be later than the time that was taken here, ms. Words of 32 bits come around
+/// after 50 days: any other age is that of a bus on which nobody has published for as long.
+const AHEAD_MS: Value = 60_000;
 /// Maximum number of records that one [`Bus::recv`] passes over before it returns.
 const PASSED_MAX: usize = 4096;
 /// Cost of a payload that could not be fetched from its file, in such records: a system call or three.
@@ -64,7 +67,8 @@ pub struct Bus {
     reads: bool,
     /// It needs datagrams.
     plain: bool,
-    /// Its board was truncated, so it never learns of those who come.
+    /// Its board was truncated, or the folder could not be listed, so it does not learn of all who come: those that it
+    /// does not know yet are received by datagrams.
     blind: bool,
     bus: SocketAddrV4,
     ttl: u8,
@@ -245,6 +249,10 @@ impl Bus {
             }
         }
         bell::written();
+        // A reader that came since may sleep already: then its coming is seen here.
+        if self.board.generation() != self.generation {
+            self.scan();
+        }
         let interest = Interest::of(channel);
         let mut deaf = !self.unopened.is_empty();
         for peer in &mut self.peers {
@@ -265,16 +273,14 @@ impl Bus {
     fn write(&mut self, sequence: u32, channel: &str, payload: &[u8], at: i64) -> io::Result<()> {
         loop {
             let ring = self.station.ring();
-            let (kind, place) =
-                match self.writer.place(ring, channel, payload.len(), || drained(&self.peers, &self.name)) {
-                    Some(place) => (Kind::Message, place),
-                    None => {
-                        self.put_aside(sequence, payload)?;
-                        let ring = self.station.ring();
-                        let place = self.writer.place(ring, channel, 0, || drained(&self.peers, &self.name));
-                        (Kind::Aside, place.ok_or(io::ErrorKind::OutOfMemory)?)
-                    }
-                };
+            let (kind, place) = match self.writer.place(ring, channel, payload.len(), || self.drained()) {
+                Some(place) => (Kind::Message, place),
+                None => {
+                    self.put_aside(sequence, payload)?;
+                    let place = self.writer.place(self.station.ring(), channel, 0, || self.drained());
+                    (Kind::Aside, place.ok_or(io::ErrorKind::OutOfMemory)?)
+                }
+            };
             if place.reach <= self.reserved {
                 let message = Message { sequence, at, channel, payload, kind };
                 self.writer.write(self.station.ring(), place, &message);
@@ -287,6 +293,19 @@ impl Bus {
                 Err(_) => self.writer.limit(self.reserved),
             }
         }
+    }
+
+    /// True if no reader has anything left to read that it wants: the others sleep, found all rings empty before that,
+    /// and nothing was written for them since; and this context has read its own. A reader whose station cannot be
+    /// opened, or was truncated, reads this ring as well, and does not show how far.
+    fn drained(&self) -> bool {
+        let has_read_all = |Peer { name, station, reader, behind, .. }: &Peer| match reader {
+            Some(reader) if *name == self.name => !reader.pending(station.ring()),
+            _ => !station.reads() || bell::has_read_all(station.sleep(), station.awake(), *behind),
+        };
+        self.unopened.is_empty()
+            && self.cut.is_empty()
+            && self.peers.iter().all(|peer| has_read_all(peer) && !peer.station.is_cut())
     }
 
     fn put_aside(&mut self, sequence: u32, payload: &[u8]) -> io::Result<()> {
@@ -465,7 +484,7 @@ impl Bus {
                 self.next_turn();
             }
             if !mem::replace(&mut self.received, true) {
-                self.station.set_awake(true);
+                bell::received(self.station.awake());
             }
             return true;
         }
@@ -477,6 +496,11 @@ impl Bus {
     pub fn message(&self) -> (&str, &[u8], i64) {
         let header = self.copy.header;
         (self.copy.channel(), &self.copy.payload[..header.len as usize], header.at)
+    }
+
+    /// When that message was published: as in [`Bus::message`], without a look at the rest of it.
+    pub fn published(&self) -> i64 {
+        self.copy.header.at
     }
 
     /// Publisher of that message.
@@ -583,16 +607,17 @@ impl Bus {
             self.empty();
         }
         self.empty_in -= 1;
-        if self.station.drained() != self.generation {
+        let pending = |peer: &Peer| peer.reader.as_ref().is_some_and(|reader| reader.pending(peer.station.ring()));
+        // After a turn of the socket, for example, there may be something left to read.
+        if self.station.drained() != self.generation && !self.peers.iter().any(pending) {
             self.station.set_drained(self.generation);
             if mourns(&mut self.buried, sys::is_real_time) {
                 self.census();
             }
         }
         self.announce();
-        let pending = |peer: &Peer| peer.reader.as_ref().is_some_and(|reader| reader.pending(peer.station.ring()));
         if self.board.generation() == self.generation && !self.peers.iter().any(pending) {
-            self.station.set_awake(false);
+            bell::found_nothing(self.station.awake());
             return true;
         }
         // What has come in between has perhaps rung no bell.
@@ -605,10 +630,8 @@ impl Bus {
 
     /// Announces a sleep: publishers ring from now on. It counts as awake until it has found all rings empty.
     pub(super) fn announce(&mut self) {
-        if !mem::take(&mut self.received) {
-            self.station.set_awake(true);
-        }
-        self.sleeper.sleep(self.station.sleep());
+        self.received = false;
+        self.sleeper.announce(self.station.sleep(), self.station.awake());
     }
 
     /// Empties the bell.
@@ -623,11 +646,14 @@ impl Bus {
         }
     }
 
-    /// Makes the bell readable, so that a caller that waits before it has received all does not wait.
+    /// Makes the bell readable, with an edge, so that a caller that waits before it has received all does not wait.
     fn stay_readable(&mut self) {
-        if write(&self.bell, &[0]).is_err() {
+        // Where only the first byte makes an edge, it must be this one.
+        if !bell_has_edges() || write(&self.bell, &[0]).is_err() {
             self.empty();
             let _ = write(&self.bell, &[0]);
+            // The next sleep begins with an empty bell.
+            self.empty_in = 0;
         }
     }
 
@@ -651,7 +677,8 @@ impl Bus {
     fn scan(&mut self) {
         let generation = self.board.generation();
         let names = self.folder.stations().unwrap_or_else(|_| {
-            self.plain = true;
+            // Those who are found later may have been received by datagrams before.
+            (self.plain, self.blind) = (true, true);
             self.peers.iter().map(|peer| peer.name.clone()).collect()
         });
         for peer in &mut self.peers {
@@ -834,19 +861,6 @@ pub(super) fn bell_has_edges() -> bool {
     *EDGES.get_or_init(|| probe().unwrap_or(false))
 }
 
-/// True if no reader has anything left to read that it wants: the others sleep, found all rings empty before that, and
-/// nothing was written for them since; and this context has read its own.
-fn drained(peers: &[Peer], own: &str) -> bool {
-    peers.iter().all(|Peer { name, station, reader, behind, .. }| match reader {
-        Some(reader) if name == own => !reader.pending(station.ring()),
-        // The sleep first: the one that it shows began before the answer to whether it is awake.
-        _ => {
-            !station.reads()
-                || bell::asleep(station.sleep()).is_some_and(|sleep| *behind != Some(sleep)) && !station.is_awake()
-        }
-    })
-}
-
 /// The process that has a station.
 fn process(name: &str, uid: u32) -> Option<Process> {
     let pid = name.split_once('-')?.0.parse().ok()?;
@@ -882,7 +896,7 @@ enum Due {
 
 /// Whose turn it is, `age` ms after the last look; ages come around.
 fn due(age: Value, is_real_time: impl FnOnce() -> bool) -> Due {
-    match (LOOK_MS..Value::MAX / 2).contains(&age) {
+    match (LOOK_MS..Value::MAX - AHEAD_MS).contains(&age) {
         false => Due::No,
         true if is_real_time() => Due::Elsewhere,
         true => Due::Here,
@@ -918,7 +932,7 @@ mod tests {
     fn a_look_is_left_to_those_without_a_real_time_priority() {
         let turn = |age| [false, true].map(|real_time| due(age, || real_time));
         assert_eq!(turn(LOOK_MS - 1), [Due::No; 2]);
-        for age in [LOOK_MS, OVERDUE_MS, 100 * LOOK_MS] {
+        for age in [LOOK_MS, OVERDUE_MS, 100 * LOOK_MS, Value::MAX / 4 * 3] {
             assert_eq!(turn(age), [Due::Here, Due::Elsewhere]);
         }
         assert_eq!(turn(Value::MAX), [Due::No; 2], "another looked after we took the time");

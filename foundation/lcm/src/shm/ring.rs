@@ -207,7 +207,7 @@ pub struct Writer {
 pub struct Place {
     start: Value,
     end: Value,
-    /// Number of bytes from the start of the ring that it needs.
+    /// Number of bytes from the start of the ring that it needs, the header of an end of the lap after it among them.
     pub reach: usize,
 }
 
@@ -228,9 +228,12 @@ impl Writer {
         let used = ring.capacity() - ring.left(self.tail);
         // The reader that is just about to read the latest record must find it.
         let early = used >= EARLY.min(self.limit / 4) && used - self.latest >= need && drained();
-        let lap = used + need > self.limit || early;
+        // A lap that ends before the ring does leaves room for the header that says so.
+        let room = if self.limit < ring.capacity() { self.limit.saturating_sub(HEADER_GRAINS) } else { self.limit };
+        let lap = used + need > room || early;
         let start = if lap { self.tail.wrapping_add(ring.left(self.tail)) } else { self.tail };
-        let reach = (ring.capacity() - ring.left(start) + need) as usize * GRAIN;
+        let end = ring.capacity() - ring.left(start) + need;
+        let reach = (end + HEADER_GRAINS).min(ring.capacity()) as usize * GRAIN;
         Some(Place { start, end: start.wrapping_add(need), reach })
     }
 

@@ -212,20 +212,14 @@ impl Station {
         fence(Ordering::SeqCst);
     }
 
-    /// The word of [`super::bell`].
+    /// The word of [`super::bell`] that says whether it sleeps.
     pub fn sleep(&self) -> &Word {
         self.word(SLEEP)
     }
 
-    /// False if it sleeps and found all rings empty before it did. Its word of sleep shows neither: a sleep is announced
-    /// before the rings are looked into, and not everybody who rings may mark it as woken.
-    pub fn is_awake(&self) -> bool {
-        self.word(AWAKE).load(Ordering::Relaxed) != 0
-    }
-
-    /// It has received something or is about to announce a sleep; or it found all rings empty and sleeps.
-    pub fn set_awake(&self, awake: bool) {
-        self.word(AWAKE).store(Value::from(awake), Ordering::Relaxed);
+    /// Its other word: whether it may have something left to read.
+    pub fn awake(&self) -> &Word {
+        self.word(AWAKE)
     }
 
     /// True if it may want a channel.

@@ -429,6 +429,23 @@ fn a_reader_takes_all_of_a_dead_publisher_before_it_is_taken_away() {
 }
 
 #[test]
+fn what_a_publisher_left_stays_until_a_reader_that_was_interrupted_has_read_it() {
+    let place = Place::new();
+    let mut reader = place.reader(1, None);
+    let mut publisher = place.join(2);
+    let mut other = place.join(3);
+    publisher.publish(0, "A", b"", 0);
+    publisher.publish(1, "BIG", &vec![7; 3 << 20], 0);
+    drop(publisher);
+    // As after a turn of the socket, which had nothing.
+    assert!(reader.recv(|_| true, |_, _| true) && !reader.sleep(true));
+    other.look_around();
+    let got = all(&mut reader);
+    assert!(got.len() == 1 && got[0].1.len() == 3 << 20, "{}", got.len());
+    assert_eq!(reader.take_lost(), 0);
+}
+
+#[test]
 fn what_is_no_station_or_of_another_layout_disturbs_nobody() {
     let place = Place::new();
     let mut reader = place.reader(1, None);
@@ -488,6 +505,21 @@ fn a_reader_whose_own_station_was_cut_hears_those_who_were_there_and_those_who_c
     }
 }
 
+/// It does not show how far it has read.
+#[test]
+fn a_reader_whose_own_station_was_cut_loses_nothing_of_a_burst() {
+    let place = Place::new();
+    let mut reader = place.reader(1, None);
+    let own = place.station();
+    let mut publisher = place.join(2);
+    assert!(all(&mut reader).is_empty());
+    cut(&own, 0);
+    for n in 0..40 {
+        publisher.publish(n, "A", &[0; 60_000], 0);
+    }
+    assert_eq!(all(&mut reader).len(), 40);
+}
+
 #[test]
 fn a_board_that_was_cut_makes_no_message_come_twice() {
     let place = Place::new();
@@ -505,6 +537,21 @@ fn a_board_that_was_cut_makes_no_message_come_twice() {
     reader.look_around();
     assert!(names(&mut reader).is_empty(), "it was received");
     assert!(!reader.takes(source(3), 1, 0));
+}
+
+#[test]
+fn a_folder_that_cannot_be_listed_for_a_moment_makes_no_message_come_twice() {
+    let place = Place::new();
+    let mut reader = place.reader(1, None);
+    let mut publisher = place.join(2);
+    let (folder, away) = (place.folder(), place.root.with_extension("away"));
+    fs::rename(&folder, &away).unwrap();
+    let dropped = reader.takes(source(2), 0, 0);
+    fs::rename(&away, &folder).unwrap();
+    assert!(!dropped && publisher.publish(0, "A", b"", 0) && !reader.takes(source(2), 0, 0), "it comes as a datagram");
+    publisher.moved(source(2));
+    assert!(names(&mut reader).is_empty(), "it was received");
+    assert!(publisher.publish(1, "A", b"", 0) && !reader.takes(source(2), 1, 0));
 }
 
 #[test]
@@ -697,6 +744,31 @@ fn who_joins_while_the_last_one_leaves_is_on_the_same_bus_as_all_others() {
         }
     });
     assert_eq!(fs::read_dir(&place.root).unwrap().count(), 0);
+}
+
+/// Beyond that there is perhaps no memory: touching it would cut the ring.
+#[test]
+fn a_ring_that_may_not_grow_touches_only_what_was_reserved() {
+    let words = |count| (0..count).map(|_| Word::new(0)).collect::<Vec<Word>>();
+    let (control, data) = (words(CONTROL), words(4096 / size_of::<Value>()));
+    let ring = Ring { control: &control, data: &data };
+    let (mut writer, mut reader, mut copy) = (Writer::new(ring), Reader::from_start(), Copy::default());
+    let reserved = 2048;
+    writer.limit(reserved);
+    // Of 128 bytes in the ring: 16 of them are as long as what was reserved.
+    let payload = [1; 96];
+    for sequence in 0..100 {
+        let message = Message { sequence, at: 0, channel: "A", payload: &payload, kind: Kind::Message };
+        let place = writer.place(ring, "A", payload.len(), || false).unwrap();
+        assert!(place.reach <= reserved, "{sequence}");
+        writer.write(ring, place, &message);
+        let beyond = &data[reserved / size_of::<Value>()..];
+        assert!(beyond.iter().all(|word| word.load(Ordering::Relaxed) == 0), "{sequence}");
+        // Perhaps after the end of a lap.
+        let read = (0..2).map(|_| reader.read(ring, &mut copy, |_| true, |_| true)).find(|read| *read != Read::Passed);
+        assert_eq!((read, copy.header.sequence), (Some(Read::Message(Kind::Message)), sequence));
+    }
+    assert_eq!((reader.lost, reader.corrupt), (0, 0));
 }
 
 /// A ring full of records whose payloads lie in files that are gone.
