@@ -209,7 +209,7 @@ fn a_robot_comes_to_stand_before_the_wall_that_its_lidars_see() {
 fn without_what_a_lidar_sees_a_robot_stands_and_goes_on_when_it_sees_again() {
     for (name, wheels, lidars) in GUARDED {
         for (lidar, fault) in
-            lidars.iter().flat_map(|lidar| ["silent", "stuck", "garbled", "stall"].map(|fault| (lidar, fault)))
+            lidars.iter().flat_map(|lidar| ["silent", "stuck", "garbled", "stall", "blind"].map(|fault| (lidar, fault)))
         {
             let mut robot = driving(name, wheels, 30.0);
             let (target, fault) = ((*lidar).into(), fault.into());

@@ -2,15 +2,21 @@
 
 use base::Instant;
 
-/// How much faster or slower the device's clock may run, and the delay of the line may shrink: 500 ppm.
+/// How much slower the device's clock is taken to run, whatever arrives: 500 ppm.
 const DRIFT_DIVISOR: u64 = 2000;
+/// Time of the device, ns, in which no message arrives as early as the estimate lets expect if the clock is slower than
+/// that: the estimate then follows the earliest one of this time.
+const WINDOW_NS: u64 = 2_000_000_000;
+/// It follows by a twentieth of the time that passes.
+const FOLLOW_DIVISOR: u64 = 20;
 /// A message later than this by the estimate begins a new estimate, ns: the device's clock was set.
 const JUMP_NS: u64 = 500_000_000;
 
 /// Maps a counter of the device to instants of the host.
 ///
 /// The least delay that was observed is taken as that of the line: messages that the host read late do not move their
-/// measurements. The result is never later than the arrival.
+/// measurements. A clock that is slow by a hundredth makes them up to 50 ms older. The result is never later than the
+/// arrival.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Clock {
     modulus: u64,
@@ -25,6 +31,18 @@ struct Last {
     device_ns: u64,
     /// Instant of the device's time 0 on the host's scale.
     origin: Instant,
+    /// The earliest such instant by the messages of the last whole [`WINDOW_NS`], and by those of the present one.
+    goal: Instant,
+    least: Instant,
+    /// Time of the device at which the present one began, ns.
+    since_ns: u64,
+}
+
+impl Last {
+    /// A new estimate by a message that arrived at `now`.
+    const fn begin(counter: u64, now: Instant) -> Self {
+        Self { counter, device_ns: 0, origin: now, goal: Instant::ZERO, least: Instant::NEVER, since_ns: 0 }
+    }
 }
 
 impl Clock {
@@ -42,7 +60,7 @@ impl Clock {
     pub fn at(&mut self, now: Instant, counter: u64) -> Option<Instant> {
         let counter = counter % self.modulus;
         let Some(last) = &mut self.last else {
-            self.last = Some(Last { counter, device_ns: 0, origin: now });
+            self.last = Some(Last::begin(counter, now));
             return Some(now);
         };
         let ticks = (counter + self.modulus - last.counter) % self.modulus;
@@ -51,21 +69,26 @@ impl Clock {
         }
         if ticks > self.modulus / 2 {
             // The device started again.
-            self.last = Some(Last { counter, device_ns: 0, origin: now });
+            self.last = Some(Last::begin(counter, now));
             return None;
         }
         let elapsed_ns = ticks * self.tick_ns;
         if last.device_ns + elapsed_ns > now.as_nanos() {
             // The device's clock was set to a time that the host has not reached.
-            self.last = Some(Last { counter, device_ns: 0, origin: now });
+            self.last = Some(Last::begin(counter, now));
             return Some(now);
         }
         last.counter = counter;
         last.device_ns += elapsed_ns;
         let device = base::Duration::from_nanos(last.device_ns);
         let latest = now - device;
-        let drifted = last.origin + base::Duration::from_nanos(elapsed_ns / DRIFT_DIVISOR);
-        last.origin = latest.min(drifted);
+        let [drifted, followed] = [DRIFT_DIVISOR, FOLLOW_DIVISOR]
+            .map(|divisor| last.origin + base::Duration::from_nanos(elapsed_ns / divisor));
+        last.origin = latest.min(drifted.max(followed.min(last.goal)));
+        last.least = last.least.min(latest);
+        if last.device_ns - last.since_ns >= WINDOW_NS {
+            (last.goal, last.least, last.since_ns) = (last.least, Instant::NEVER, last.device_ns);
+        }
         if latest.since(last.origin).as_nanos() > u128::from(JUMP_NS) {
             last.origin = latest;
         }
@@ -94,6 +117,21 @@ mod tests {
             }
         }
         assert!(worst < Duration::from_micros(100), "{worst:?}");
+    }
+
+    #[test]
+    fn a_clock_that_is_a_hundredth_slow_or_fast_makes_no_measurement_much_older() {
+        for per_10_ms in [99, 101] {
+            let mut clock = Clock::new(30_000, 1_000_000);
+            let mut worst = Duration::ZERO;
+            for n in 0..30_000_u64 {
+                // Every fourth message is not late.
+                let now = Instant::from_millis(1000 + n * 10 + n % 4 * 2);
+                let at = clock.at(now, n * per_10_ms / 10).unwrap();
+                worst = worst.max(now.since(at));
+            }
+            assert!(worst < Duration::from_millis(60), "{per_10_ms}: {worst:?}");
+        }
     }
 
     #[test]

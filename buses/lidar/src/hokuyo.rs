@@ -38,7 +38,8 @@ pub struct Config {
     pub model: &'static str,
     /// Characters of a range.
     pub characters: Characters,
-    /// Bytes per second of the line, for the instants of beams; 0: so fast that it does not matter.
+    /// Bytes per second of the line, for the instants of beams; 0: so fast that it does not matter. A rate at which a
+    /// scan takes longer than a turn does not count: on USB any may be set, and the line is faster.
     pub bytes_per_s: u32,
 }
 

@@ -3,8 +3,9 @@
 //! **Unknown is not free.** A direction in which a lidar has measured nothing for `scan_age_max_s`, or in fewer than
 //! `evaluations` revolutions in succession since, counts as occupied from the outline on. Something counts after that
 //! many revolutions in succession have found it in the same place, as far as a person walks in one; then for two
-//! revolutions more, so that one that misses it frees nothing. A single beam where a leg would be met by two is
-//! something thinner, or wild: it must be found again where it was.
+//! revolutions more, so that one that misses it frees nothing, and where its direction is not measured any more, until
+//! that is unknown. A single beam where a leg would be met by two is something thinner, or wild: it must be found again
+//! where it was.
 
 use crate::{Lidar, Obstacle, Rules, Source, Trail, Unseen};
 use base::{Duration, Instant};
@@ -16,9 +17,9 @@ use std::f64::consts::TAU;
 
 /// Part of the view that is known, or is not: at the reach of 2.5 m it is 9 cm wide, narrower than a leg.
 const SLICE_RAD: f64 = TAU / 180.0;
-/// Revolutions kept: enough for [`BASELINE`] at 40 Hz.
-const TURNS_MAX: usize = 12;
-/// Revolutions before the present one whose findings count.
+/// Revolutions kept: enough for [`BASELINE`], and until a direction is unknown, at 40 Hz.
+const TURNS_MAX: usize = 16;
+/// Revolutions before the present one whose findings count, whatever was measured since.
 const TURNS_COUNTED: usize = 2;
 /// Findings of a revolution that are kept: more than any of these devices has beams.
 const HITS_MAX: usize = 4096;
@@ -59,6 +60,8 @@ struct Hit {
     turns: u32,
     /// It came nearer by itself.
     approaches: bool,
+    /// The part of the view in which it was.
+    slice: usize,
 }
 
 /// A revolution: it ends where a part of the view is seen again, whatever number the device gives it.
@@ -143,16 +146,29 @@ impl Scans {
     /// Adds everything that may be in the way at `now`.
     pub fn obstacles(&self, now: Instant, trail: &Trail, found: &mut Vec<Obstacle>) {
         let to_trail = trail.pose(now).to_outer();
-        let Rules { evaluations, .. } = self.rules;
+        let Rules { evaluations, scan_age_max, .. } = self.rules;
+        let kept_for = scan_age_max + Duration::from_secs_f64(TURN_MAX_S);
         for eye in &self.eyes {
             let source = Source::Lidar(eye.place);
-            let counted = eye.turns.iter().rev().take(1 + TURNS_COUNTED).flat_map(|turn| &turn.hits);
-            let sensed = counted.filter(|hit| hit.turns >= evaluations);
+            let kept = |(back, turn): &(usize, &Turn)| *back <= TURNS_COUNTED || now.since(turn.since) <= kept_for;
+            let turns = eye.turns.iter().rev().enumerate().take_while(kept);
+            let counted = turns.flat_map(|(back, turn)| turn.hits.iter().map(move |hit| (back, hit)));
+            let sensed = counted.filter(|(_, hit)| hit.turns >= evaluations);
+            let sensed = sensed.filter(|(back, hit)| *back <= TURNS_COUNTED || self.is_kept(now, eye, *back, hit));
+            let sensed = sensed.map(|(_, hit)| hit);
             found.extend(sensed.map(|hit| Obstacle { at: hit.at, source, sensed: true, approaches: hit.approaches }));
             let unknown = eye.slices.iter().filter(|slice| !slice.is_known(now, &self.rules));
             let covered = unknown.flat_map(|slice| &slice.cover);
             found.extend(covered.map(|at| Obstacle { at: to_trail(*at), source, sensed: false, approaches: true }));
         }
+    }
+
+    /// True if something that was found `back` revolutions ago, more than [`TURNS_COUNTED`], still counts: its
+    /// direction was not measured in the last one that may miss it, nor since, and is not unknown yet.
+    fn is_kept(&self, now: Instant, eye: &Eye, back: usize, hit: &Hit) -> bool {
+        let found = eye.count.saturating_sub(back as u64);
+        let missed = |slice: &Slice| slice.number >= found + TURNS_COUNTED as u64;
+        eye.slices.get(hit.slice).is_some_and(|slice| !missed(slice) && slice.is_known(now, &self.rules))
     }
 
     /// Adds the parts of the views of which nothing is known at `now`: what [`Self::obstacles`] covers with points.
@@ -208,7 +224,7 @@ impl Eye {
             let (sin, cos) = (pose.theta + angle(k)).sin_cos();
             let point = Point { x: pose.x + range * cos, y: pose.y + range * sin };
             let (bin, distance) = seen_from(here, point);
-            met.push(Met { at: point, bin, distance, follows, lone });
+            met.push(Met { at: point, bin, distance, follows, lone, slice });
             follows = true;
         }
         let (begun, before, old) = self.earlier()?;
@@ -216,14 +232,14 @@ impl Eye {
         let arc = Arc::around(&met, same);
         let (before, old) = (View::new(here, before, &arc), View::new(here, old, &arc));
         let (mut hits, mut nearest, mut nears) = (Vec::with_capacity(met.len()), f64::INFINITY, false);
-        for Met { at: point, bin, distance, follows, lone } in met {
+        for Met { at: point, bin, distance, follows, lone, slice } in met {
             let found = before.turns(bin, distance, if lone { SAME_M } else { same });
             let closing = old.nearest(bin) - distance;
             let comes_nearer = closing > APPROACH_M && APPROACH_MPS.contains(&(closing / baseline));
             // Noise seldom brings two beams nearer, one beside the other.
             let approaches = comes_nearer && nears && follows;
             nears = comes_nearer;
-            let hit = Hit { at: point, turns: rules.evaluations.min(found + 1), approaches };
+            let hit = Hit { at: point, turns: rules.evaluations.min(found + 1), approaches, slice };
             if approaches || hit.turns == rules.evaluations && found < hit.turns {
                 nearest = nearest.min(robot.point().distance(point));
             }
@@ -291,6 +307,8 @@ struct Met {
     follows: bool,
     /// The beams beside it passed it, although a leg would have been met by one of them.
     lone: bool,
+    /// The part of the view in which it is.
+    slice: usize,
 }
 
 /// True if a beam alone met something that is no leg: the next ones that measured on either side measured more, by more

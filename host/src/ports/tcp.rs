@@ -7,8 +7,8 @@ mod tests;
 pub use server::Server;
 
 use super::{Device, Lost, Received};
-use base::Instant;
 use base::serial::Word;
+use base::{Duration, Instant};
 use module::{Input, Output};
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
@@ -28,6 +28,8 @@ const READ_MAX: usize = 1024;
 const SENT_MAX: usize = 1024;
 /// A peer that does not acknowledge what was sent for this long is lost, ms.
 const UNACKNOWLEDGED_MS: u32 = 3000;
+/// A device that takes what is sent, and sends nothing for this long after it, is connected anew.
+const UNANSWERED_FOR: Duration = Duration::from_secs(10);
 /// Number of attempts to open, 20 ms each, after which a connection has failed.
 const ATTEMPTS: u32 = 100;
 
@@ -112,12 +114,14 @@ pub struct Client {
     /// A connection that is being made, and the attempts to open since.
     pending: Option<(OwnedFd, u32)>,
     stream: Option<Stream>,
+    /// When the first output was sent that no input has followed.
+    asked: Option<Instant>,
 }
 
 impl Client {
     /// Creates a port that is closed.
     pub fn new(address: SocketAddr) -> Self {
-        Self { address, pending: None, stream: None }
+        Self { address, pending: None, stream: None, asked: None }
     }
 
     fn connect(&mut self) -> Result<TcpStream, Lost> {
@@ -162,7 +166,7 @@ pub fn begin(address: SocketAddr) -> Result<(OwnedFd, bool), Lost> {
 
 impl Device for Client {
     fn open(&mut self) -> Result<(), Lost> {
-        self.stream = None;
+        (self.stream, self.asked) = (None, None);
         let connected = self.connect().and_then(Stream::new);
         self.stream = Some(connected.map_err(|why| format!("{}: {why}", self.address))?);
         Ok(())
@@ -173,7 +177,7 @@ impl Device for Client {
     }
 
     fn close(&mut self) {
-        (self.stream, self.pending) = (None, None);
+        (self.stream, self.pending, self.asked) = (None, None, None);
     }
 
     fn fd(&self) -> Option<BorrowedFd<'_>> {
@@ -183,17 +187,21 @@ impl Device for Client {
     fn receive(&mut self, now: Instant) -> Result<Received<'_>, Lost> {
         match &mut self.stream {
             Some(stream) => {
-                Ok(stream.receive()?.map_or(Received::Nothing, |words| Received::input(now, Input::Words(words))))
+                let Some(words) = stream.receive()? else { return Ok(Received::Nothing) };
+                self.asked = None;
+                Ok(Received::input(now, Input::Words(words)))
             }
             None => Ok(Received::Nothing),
         }
     }
 
     fn send(&mut self, now: Instant, output: &Output) -> Result<bool, Lost> {
-        match (&mut self.stream, output) {
-            (Some(stream), Output::Words(words)) => stream.send(now, words),
-            _ => Ok(false),
+        let (Some(stream), Output::Words(words)) = (&mut self.stream, output) else { return Ok(false) };
+        let asked = *self.asked.get_or_insert(now);
+        if now.since(asked) > UNANSWERED_FOR {
+            return Err(format!("{}: it does not answer", self.address));
         }
+        stream.send(now, words)
     }
 
     fn wants_to_write(&self) -> bool {

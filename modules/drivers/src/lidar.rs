@@ -4,6 +4,7 @@
 //! Protocol  the engines of `lidar`: identity and health, start of the scan, then sectors
 //! Timing    a sector is published as soon as it is complete, with the instant of its first beam
 //! Silence   no measurement for 400 ms: reported, ERROR, started anew each time; what it looked at is unknown
+//! Cover     with `no_echo = "nothing"`, no echo in any direction for 250 ms: its sectors are BLOCKED, and free nothing
 //! Fields    a SICK's own fields and outputs that stop the robot (`stop_fields`, `stop_outputs`): `LL_EVENT_STOP` at
 //!           10 Hz and on change; engaged while one is infringed, or not known
 //! Data      `LL_DATA_SCAN` for each sector, with the place of the lidar; `LL_DATA_BUS` once a second for each line
@@ -17,6 +18,7 @@ use base::serial::Word;
 use base::{Duration, Fault, Instant, Severity, Ticker, earliest};
 use config::{BUS_PERIOD, Engine};
 pub use config::{Config, DEVICES_MAX, Device, LidarKeys, MODELS, Model, StopKeys};
+use lidar::ld::NoEcho;
 use lidar::{Event as LidarEvent, Fault as LidarFault, Health, LostReason, Sector, Status};
 use messages::lowlevel::{DataBus, DataScan};
 use module::{Actions, Event, Input, Module, PortId, PortSpec, State};
@@ -26,6 +28,9 @@ use stop::Stop;
 pub const NAME: &str = "driver_lidar";
 /// Time in which a motor reaches its speed.
 const SPIN_UP: Duration = Duration::from_secs(3);
+/// Time without an echo in any direction after which a lidar whose range of 0 is to mean that nothing was received is
+/// taken for covered: more than the slowest revolution, 222 ms.
+const COVERED_AFTER: Duration = Duration::from_millis(250);
 
 /// Driver of lidars.
 #[derive(Debug)]
@@ -55,6 +60,11 @@ struct Scanner {
     /// Its motor is too slow or too fast; that has been reported.
     slow: bool,
     told_slow: bool,
+    /// Last echo in the view that is used; `None`: none since the lidar measures.
+    echo: Option<Instant>,
+    /// Its optics are blocked, as it says itself; that, or that it receives nothing, has been reported.
+    blocked: bool,
+    told_blocked: bool,
     /// What of it stops the robot, if anything.
     stop: Option<Stop>,
     /// Bytes of this second, in both directions.
@@ -110,6 +120,9 @@ impl Scanner {
             spins_until: Instant::ZERO,
             slow: false,
             told_slow: false,
+            echo: None,
+            blocked: false,
+            told_blocked: false,
             stop,
             bytes: 0,
             rx: Vec::new(),
@@ -147,15 +160,23 @@ impl Scanner {
             let words: Vec<Word> = request.iter().copied().map(Word::data).collect();
             out.send_words(self.port, &words);
         }
-        let Self { device, engine, measures, identity, spins_until, slow, .. } = self;
+        let Self { device, engine, measures, identity, spins_until, slow, echo, blocked, .. } = self;
         while let Some(event) = engine.poll_event() {
             match event {
-                LidarEvent::Sector(sector) if publishes => {
-                    let timestamp = out.timestamp(sector.at);
-                    out.publish(message(device, sector, timestamp));
+                LidarEvent::Sector(sector) => {
+                    let mut scan = message(device, sector, out.timestamp(sector.at));
+                    if scan.ranges.iter().any(|range| *range < f32::INFINITY) {
+                        *echo = Some(now);
+                    }
+                    if scan.status == DataScan::OK && is_covered(now, device, *echo) {
+                        scan.status = DataScan::BLOCKED;
+                    }
+                    if publishes {
+                        out.publish(scan);
+                    }
                 }
                 // What is in force of them is asked of the engine.
-                LidarEvent::Sector(_) | LidarEvent::Zone { .. } => {}
+                LidarEvent::Zone { .. } => {}
                 LidarEvent::Identity(text) => {
                     let text = String::from_utf8_lossy(text);
                     if *identity != text {
@@ -169,9 +190,10 @@ impl Scanner {
                     }
                 }
                 LidarEvent::Fault { fault: LidarFault::Slow, active } => *slow = active,
+                LidarEvent::Fault { fault: LidarFault::Blocked, active } => *blocked = active,
                 LidarEvent::Fault { fault, active } => report(device, fault, active, out),
                 LidarEvent::Lost { reason } => {
-                    *measures = Some(false);
+                    (*measures, *echo) = (Some(false), None);
                     let message = format!("lidar {} {}: what it looks at is unknown", device.name, why(reason));
                     out.raise(Severity::Error, Fault::LidarLost, device.bus.as_str(), message);
                 }
@@ -198,6 +220,26 @@ impl Scanner {
         if self.told_slow != self.slow && !(self.slow && spins) {
             self.told_slow = self.slow;
             report(&self.device, LidarFault::Slow, self.slow, out);
+        }
+    }
+
+    /// Reports optics that are blocked: the device says so, or it receives nothing. Before its first echo it has time to
+    /// spin up.
+    fn report_blocked(&mut self, now: Instant, out: &mut Actions) {
+        let is_due = self.echo.is_some() || self.spins_until <= now;
+        let covered = self.measures == Some(true) && is_due && is_covered(now, &self.device, self.echo);
+        let blocked = self.blocked || covered;
+        if self.told_blocked == blocked {
+            return;
+        }
+        self.told_blocked = blocked;
+        if covered && !self.blocked {
+            let (bus, name) = (self.device.bus.as_str(), &self.device.name);
+            let why = "receives nothing in any direction: covered, or nothing is within its range";
+            let message = format!("lidar {name} {why}; what it looks at is unknown");
+            out.raise(Severity::Error, Fault::LidarBlocked, bus, message);
+        } else {
+            report(&self.device, LidarFault::Blocked, blocked, out);
         }
     }
 
@@ -251,6 +293,12 @@ fn message(device: &Device, sector: &Sector, timestamp: i64) -> DataScan {
         ranges: sector.ranges_m.iter().enumerate().map(used).collect(),
         intensities: sector.intensities.to_vec(),
     }
+}
+
+/// True if a lidar receives nothing in any direction, and would free all of them: `echo` is its last one. It may stand
+/// in a wide place; more likely something covers it, which reads 0 as well.
+fn is_covered(now: Instant, device: &Device, echo: Option<Instant>) -> bool {
+    device.keys.no_echo == NoEcho::Nothing && echo.is_none_or(|at| now.since(at) > COVERED_AFTER)
 }
 
 /// A health that is not good, in words.
@@ -312,6 +360,7 @@ impl Module for Lidars {
         for scanner in &mut self.scanners {
             scanner.serve(now, publishes, out);
             scanner.report_speed(now, out);
+            scanner.report_blocked(now, out);
             scanner.serve_stop(now, publishes, out);
         }
         if self.statistics.due(now) {

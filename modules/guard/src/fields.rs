@@ -13,8 +13,8 @@ use surroundings::{Obstacle, Source};
 /// Parts of the clearance that remain beside the robot, and the speed that each permits, m/s: narrow gaps are passed
 /// slowly. Ahead, the whole clearance applies.
 ///
-/// What is nearer still is passed at the last one's speed: what a sensor hears there, such as a leg, may be narrower than
-/// what it belongs to.
+/// What is nearer still is passed at the last one's speed: what a sensor detects there, such as a leg, may be narrower
+/// than what it belongs to.
 const BESIDE: [(f64, f64, Within); 4] = [
     (1.0, f64::INFINITY, Within::Kept),
     (0.5, 0.3, Within::Kept),
@@ -74,7 +74,8 @@ pub struct Fields<K> {
     nearer: [Polygon; 3],
     radius: f64,
     reaction: f64,
-    reach: f64,
+    /// Distance from the outline up to which the sensors find something, m, by direction.
+    reach: [f64; 6],
     speed_max: f64,
     speed_blind: f64,
     /// Directions that no sensor covers.
@@ -184,7 +185,7 @@ impl<K: Kinematics> Fields<K> {
             }),
             radius: body.radius(Point::default()) + margin,
             reaction: settings.reaction,
-            reach: settings.reach,
+            reach: Direction::ALL.map(|direction| reach_ahead(direction, &body, config)),
             speed_max: config.speed,
             speed_blind: settings.speed_blind,
             blind: Direction::ALL.map(|direction| !covered(direction)),
@@ -239,7 +240,8 @@ impl<K: Kinematics> Fields<K> {
     fn area(&self, direction: Direction, motion: &Motion, paths: &[Twist]) -> Area {
         let speed = libm::hypot(motion.velocity.vx, motion.velocity.vy).max(self.speed_max);
         let scale = if direction.turns() { self.radius } else { 1.0 };
-        let length = self.law.warning(speed).max(self.law.protective(speed)).max(self.reach) / scale;
+        let length =
+            self.law.warning(speed).max(self.law.protective(speed)).max(self.reach[direction as usize]) / scale;
         let [widest, ..] = &self.outlines[direction as usize];
         let mut area = Area::default();
         paths.iter().for_each(|path| area.sweep(widest, *path, length));
@@ -250,7 +252,8 @@ impl<K: Kinematics> Fields<K> {
         let Some(usual) = paths.first() else { return Bound { speed: 0.0, free: [0.0; 2], cause: None } };
         // On the spot, the speed of the farthest corner counts.
         let scale = if direction.turns() { self.radius } else { 1.0 };
-        let stops_within = |free: f64| self.law.stops_within((free * scale).min(self.reach));
+        let reach = self.reach[direction as usize];
+        let stops_within = |free: f64| self.law.stops_within((free * scale).min(reach));
         let [widest, narrower @ ..] = &self.outlines[direction as usize];
         let all = self.nearest(widest, Within::Kept, paths, obstacles, f64::INFINITY, search);
         let mut straight = (f64::INFINITY, None);
@@ -464,17 +467,47 @@ fn is_covered(direction: Direction, body: &Polygon, config: &Config) -> bool {
     if direction.turns() {
         return Direction::ALL[..4].iter().all(|side| is_covered(*side, body, config));
     }
+    ahead_of(direction, body, COVERED_AT_M).into_iter().all(|point| {
+        config.sonars().iter().any(|sonar| sonar.covers(point))
+            || config.lidars().iter().any(|lidar| lidar.covers(point))
+    })
+}
+
+/// Distance before the outline, over its width, up to which what senses finds something, m: its reach counts from where
+/// it sits. On the spot the least one of the four sides; of a place without a sensor the whole reach, as such a
+/// direction is blind.
+fn reach_ahead(direction: Direction, body: &Polygon, config: &Config) -> f64 {
+    if direction.turns() {
+        let sides = Direction::ALL[..4].iter().map(|side| reach_ahead(*side, body, config));
+        return sides.fold(f64::INFINITY, f64::min);
+    }
+    let reach = config.settings.reach;
+    let (ahead_x, ahead_y) = direction.ahead();
+    let beyond = |begin: Point, sensor: Point| {
+        let (x, y) = (begin.x - sensor.x, begin.y - sensor.y);
+        let (along, across) = (x * ahead_x + y * ahead_y, y * ahead_x - x * ahead_y);
+        libm::sqrt((reach * reach - across * across).max(0.0)) - along
+    };
+    let lanes = ahead_of(direction, body, 0.0).into_iter().zip(ahead_of(direction, body, COVERED_AT_M));
+    let seen = lanes.filter_map(|(begin, covered)| {
+        let sonars = config.sonars().iter().filter(|sonar| sonar.covers(covered)).map(|sonar| sonar.at);
+        let lidars = config.lidars().iter().filter(|lidar| lidar.covers(covered)).map(|lidar| lidar.mount.point());
+        sonars.chain(lidars).map(|sensor| beyond(begin, sensor)).reduce(f64::max)
+    });
+    seen.fold(reach, f64::min).max(0.0)
+}
+
+/// Points over the outline's width, this distance before it in a direction of travel, m.
+fn ahead_of(direction: Direction, body: &Polygon, distance: f64) -> [Point; 9] {
     let (ahead_x, ahead_y) = direction.ahead();
     let along = |point: &Point| point.x * ahead_x + point.y * ahead_y;
     let across = |point: &Point| point.y * ahead_x - point.x * ahead_y;
     let corners = body.corners();
     let most = |measure: &dyn Fn(&Point) -> f64| corners.iter().map(measure).fold(f64::NEG_INFINITY, f64::max);
     let (front, left, right) = (most(&along), most(&across), -most(&|point| -across(point)));
-    (0..=8).all(|n| {
-        let (x, y) = (front + COVERED_AT_M, right + (left - right) * f64::from(n) / 8.0);
-        let point = Point { x: x * ahead_x - y * ahead_y, y: x * ahead_y + y * ahead_x };
-        config.sonars().iter().any(|sonar| sonar.covers(point))
-            || config.lidars().iter().any(|lidar| lidar.covers(point))
+    std::array::from_fn(|n| {
+        let (x, y) = (front + distance, right + (left - right) * n as f64 / 8.0);
+        Point { x: x * ahead_x - y * ahead_y, y: x * ahead_y + y * ahead_x }
     })
 }
 

@@ -70,6 +70,8 @@ pub struct Guard {
     curve: Option<(Instant, f64)>,
     /// Measured motion, and its instant.
     motion: Option<(Instant, Motion)>,
+    /// Last velocity of the trail, and its instant, also after motion that was not plausible.
+    last: Option<(Instant, Twist)>,
     obstacles: Vec<Obstacle>,
     unseen: Vec<Unseen>,
     deadlines: Deadlines<Timer>,
@@ -99,6 +101,7 @@ impl Guard {
             trail: Trail::default(),
             curve: None,
             motion: None,
+            last: None,
             obstacles: Vec::new(),
             unseen: Vec::new(),
             deadlines: Deadlines::new(),
@@ -133,8 +136,13 @@ impl Guard {
     }
 
     fn moved(&mut self, at: Instant, velocity: Twist, steering: f64) {
+        // What it did in a gap is not known, if it moved before or moves now.
+        let moves = |velocity: Twist| self.speed_of(velocity) > STANDSTILL_MPS;
+        let is_gap = |(since, before)| at.since(since) > MOTION_AGE_MAX && (moves(before) || moves(velocity));
+        let is_lost = self.last.is_some_and(is_gap);
+        self.last = Some((at, velocity));
         self.trail.on_motion(at, velocity, self.window);
-        if !self.trail.is_sane() {
+        if is_lost || !self.trail.is_sane() {
             // Where things were, relative to the robot, is lost with it: everything is unknown.
             self.trail = Trail::default();
             self.trail.on_motion(at, velocity, self.window);
@@ -144,13 +152,18 @@ impl Guard {
         self.motion = Some((at, Motion { velocity, steering }));
     }
 
+    /// Speed of the fastest part of the robot, m/s.
+    fn speed_of(&self, Twist { vx, vy, omega }: Twist) -> f64 {
+        libm::hypot(vx, vy).max(omega.abs() * self.fields.radius())
+    }
+
     /// A lidar has measured. What comes into a field is published at once.
     fn on_scan(&mut self, now: Instant, at: Instant, scan: &DataScan, out: &mut Actions) {
         let age = u64::try_from(out.timestamp(at).saturating_sub(scan.timestamp))
             .map_or(Duration::ZERO, Duration::from_micros);
         let Some(distance) = self.scans.on_scan(at, age, scan, &self.trail) else { return };
         let velocity = self.motion.map_or_else(Twist::default, |(_, motion)| motion.velocity);
-        let speed = libm::hypot(velocity.vx, velocity.vy).max(velocity.omega.abs() * self.fields.radius());
+        let speed = self.speed_of(velocity);
         let law = self.fields.law();
         let field = self.fields.radius() + law.protective(speed).max(law.warning(speed));
         let field = field.max(self.zones.reach());

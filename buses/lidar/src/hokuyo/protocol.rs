@@ -346,6 +346,8 @@ impl Scip {
         let bytes = count * self.width() + count / 21 + 40;
         let on_line_s =
             if self.config.bytes_per_s == 0 { 0.0 } else { bytes as f64 / f64::from(self.config.bytes_per_s) };
+        // A line on which a scan takes longer than a turn could not carry them all: USB is faster than the rate set.
+        let on_line_s = if on_line_s < turn_s { on_line_s } else { 0.0 };
         let first = sent - Duration::from_secs_f64(beam_time_s * count as f64 + on_line_s);
         if let Some(before) = self.last_first.replace(first) {
             let turns = first.since(before).as_secs_f64() / turn_s;

@@ -116,6 +116,18 @@ fn the_start_up_is_that_of_the_specification() {
 }
 
 #[test]
+fn a_rate_that_cannot_carry_the_scans_does_not_make_them_older() {
+    // As if the line of a sensor on USB had 115200 bit/s: a scan would take 0.3 s, and one comes every 25 ms.
+    let config = Config { bytes_per_s: 11_520, ..Config::new("UTM-30LX") };
+    let mut bench = Bench::new(Hokuyo::new(config), Device::new(Model::UTM_30LX));
+    bench.run();
+    bench.pass(ms(500));
+    let last = bench.sectors.last().expect("it measures");
+    let age = bench.now.since(last.at);
+    assert!(age < ms(60), "{age:?}");
+}
+
+#[test]
 fn twenty_faults_are_reported_within_a_second_and_end_within_two() {
     let own: [Cause; 6] = [
         ("motor stands", |faults| faults.motor_stopped = true),

@@ -328,10 +328,11 @@ fn a_place_is_compared_up_to_its_tolerance_whatever_the_borders_of_directions() 
             };
             // 4.9 cm beside it.
             let angle = f64::from(n) * TAU / 720.0 + 0.001;
-            let hit = Hit { at: at(angle + 2.0 * libm::asin(0.0245 / distance)), turns: 1, approaches: false };
+            let place = at(angle + 2.0 * libm::asin(0.0245 / distance));
+            let hit = Hit { at: place, turns: 1, approaches: false, slice: 0 };
             let turn = Turn { since: Instant::ZERO, seen: Vec::new(), hits: vec![hit] };
             let (bin, distance) = seen_from(here, at(angle));
-            let met = Met { at: at(angle), bin, distance, follows: true, lone: true };
+            let met = Met { at: at(angle), bin, distance, follows: true, lone: true, slice: 0 };
             let arc = Arc::around(&[met], SAME_M);
             assert_eq!(View::new(here, Some(&turn), &arc).turns(bin, distance, SAME_M), 1, "{n} {distance}");
         }
@@ -355,6 +356,26 @@ fn what_one_revolution_misses_is_still_there() {
     bench.things.clear();
     bench.revolve_times(3);
     assert_eq!(bench.counts(), (0, 0), "it has gone");
+}
+
+#[test]
+fn what_is_not_measured_any_more_is_there_until_its_direction_is_unknown() {
+    let thing = leg(1.5, 0.1);
+    let rules = Rules { scan_age_max: Duration::from_millis(600), ..rules() };
+    let mut bench = Bench::new(rules, &lidar(0.3, 0.0));
+    bench.things.push(&thing);
+    bench.revolve_times(3);
+    // Nothing comes back from it, and around it all is measured.
+    bench.spoils = Box::new(|ranges| {
+        ranges.iter_mut().filter(|range| range.is_finite()).for_each(|range| *range = f32::NAN);
+    });
+    for n in 1..=5 {
+        bench.revolve();
+        let (sensed, unknown) = bench.counts();
+        assert!(sensed > 0 && unknown == 0, "{n}: {sensed} {unknown}");
+    }
+    bench.revolve();
+    assert!(bench.counts().1 > 0, "0.6 s are over");
 }
 
 #[test]
@@ -502,9 +523,9 @@ fn a_view_of_an_arc_answers_as_the_whole_one() {
             Point { x: here.x + distance * cos, y: here.y + distance * sin }
         };
         let mut hits: Vec<Hit> = (0..300)
-            .map(|turns| Hit { at: hit(4.0 * random(), TAU * random()), turns: turns % 3, approaches: false })
+            .map(|turns| Hit { at: hit(4.0 * random(), TAU * random()), turns: turns % 3, approaches: false, slice: 0 })
             .collect();
-        hits.push(Hit { at: here, turns: 1, approaches: false });
+        hits.push(Hit { at: here, turns: 1, approaches: false, slice: 0 });
         let turn = Turn { since: Instant::ZERO, seen: Vec::new(), hits };
         // A sector; every tenth one at the lidar, which has directions all around.
         let (first, nearest) = (TAU * random(), if n % 10 == 0 { 0.0 } else { 0.6 });
@@ -512,7 +533,7 @@ fn a_view_of_an_arc_answers_as_the_whole_one() {
             .map(|k| {
                 let at = hit(nearest + 3.0 * random(), first + f64::from(k) * 0.014);
                 let (bin, distance) = seen_from(here, at);
-                Met { at, bin, distance, follows: true, lone: false }
+                Met { at, bin, distance, follows: true, lone: false, slice: 0 }
             })
             .collect();
         let same = 0.21;

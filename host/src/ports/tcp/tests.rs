@@ -101,6 +101,27 @@ fn a_peer_that_does_not_read_fills_a_bounded_queue() {
 }
 
 #[test]
+fn a_device_that_takes_requests_and_never_answers_is_lost() {
+    let mut server = Server::new(ANY);
+    server.open().unwrap();
+    let mut client = Client::new(server.listens().unwrap());
+    open(&mut client).unwrap();
+    accept(&mut server);
+    let now = clock::now();
+    assert_eq!(client.send(now, &words(&[1])), Ok(true));
+    assert_eq!(client.send(now + UNANSWERED_FOR, &words(&[2])), Ok(true));
+    assert_eq!(server.send(now, &words(&[7])), Ok(true));
+    assert_eq!(receive(&mut client).unwrap(), [7]);
+    let again = now + UNANSWERED_FOR + Duration::from_secs(1);
+    assert_eq!(client.send(again, &words(&[3])), Ok(true), "it has answered");
+    let why = client.send(again + UNANSWERED_FOR + Duration::from_millis(1), &words(&[4])).unwrap_err();
+    assert!(why.contains("does not answer"), "{why}");
+    client.close();
+    open(&mut client).unwrap();
+    assert_eq!(client.send(again + UNANSWERED_FOR * 2, &words(&[5])), Ok(true), "a new connection");
+}
+
+#[test]
 fn a_port_of_a_device_that_comes_later_opens_by_itself() {
     let mut server = Server::new(ANY);
     server.open().unwrap();

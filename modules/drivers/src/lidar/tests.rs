@@ -218,6 +218,53 @@ fn what_a_lidar_says_of_itself_is_a_fault_of_its_name() {
     assert!(rig.reports(Fault::LidarBlocked).iter().any(|(_, raised)| !raised));
 }
 
+/// An LDROBOT whose range of 0 is to mean that nothing was received.
+fn nothing_is_free() -> Rig {
+    let (mut device, emulated) = devices().swap_remove(0);
+    device.keys.no_echo = NoEcho::Nothing;
+    Rig::new(vec![(device, emulated)])
+}
+
+#[test]
+fn a_lidar_that_receives_nothing_in_any_direction_is_taken_for_covered_and_frees_nothing() {
+    let mut rig = nothing_is_free();
+    rig.run(4000);
+    rig.scans();
+    // A wide place: nothing is there in most directions.
+    rig.emulated[0].scene().0[60..].fill(f32::INFINITY);
+    rig.run(1000);
+    assert!(rig.reports(Fault::LidarBlocked).is_empty());
+    let scans = rig.scans();
+    assert!(scans.iter().all(|(_, scan)| scan.status == DataScan::OK));
+    let free = scans.iter().flat_map(|(_, scan)| &scan.ranges).filter(|range| **range == f32::INFINITY).count();
+    assert!(free > 1000, "{free}");
+
+    let covered = rig.bench.now();
+    rig.emulated[0].faults().blocked = true;
+    rig.run(1500);
+    let reports = rig.reports(Fault::LidarBlocked);
+    assert_eq!(reports.iter().map(|(_, raised)| *raised).collect::<Vec<_>>(), [true]);
+    assert!(reports[0].0.since(covered) <= Duration::from_millis(300), "{reports:?}");
+    let scans = rig.scans();
+    let late: Vec<_> = scans.iter().filter(|(at, _)| at.since(covered) > Duration::from_millis(300)).collect();
+    assert!(late.len() > 50 && late.iter().all(|(_, scan)| scan.status == DataScan::BLOCKED), "{}", late.len());
+
+    rig.emulated[0].faults().blocked = false;
+    rig.run(1000);
+    assert_eq!(rig.reports(Fault::LidarBlocked).last().map(|(_, raised)| *raised), Some(false));
+    assert_eq!(rig.scans().last().map(|(_, scan)| scan.status), Some(DataScan::OK));
+}
+
+#[test]
+fn a_lidar_that_is_covered_from_the_start_on_frees_nothing_and_is_reported() {
+    let mut rig = nothing_is_free();
+    rig.emulated[0].faults().blocked = true;
+    rig.run(6000);
+    assert_eq!(rig.reports(Fault::LidarBlocked).len(), 1);
+    let scans = rig.scans();
+    assert!(scans.len() > 100 && scans.iter().all(|(_, scan)| scan.status != DataScan::OK), "{}", scans.len());
+}
+
 #[test]
 fn a_line_that_is_down_sends_nothing_and_counts_as_lost() {
     let mut rig = Rig::new(devices().into_iter().take(1).collect());

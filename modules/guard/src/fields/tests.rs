@@ -178,7 +178,8 @@ fn same<K: Kinematics>(fields: &mut Fields<K>, direction: Direction, motion: &Mo
     let bound = fields.bound(direction, motion, obstacles);
     assert_eq!(bound.speed, whole.speed, "{direction:?} {motion:?} {obstacles:?}");
     for (free, whole) in bound.free.into_iter().zip(whole.free) {
-        assert_eq!(free.min(fields.reach), whole.min(fields.reach), "as far as a field reaches");
+        let reach = fields.reach[direction as usize];
+        assert_eq!(free.min(reach), whole.min(reach), "as far as a field reaches");
     }
     obstacles.len() - fields.buffers.within.len()
 }
@@ -201,7 +202,7 @@ fn in_full<K: Kinematics>(
                 nearest = if free < nearest.0 { (free, Some(n)) } else { nearest };
             }
         }
-        (fields.law.stops_within((nearest.0 * scale).min(fields.reach)).min(most), nearest)
+        (fields.law.stops_within((nearest.0 * scale).min(fields.reach[direction as usize])).min(most), nearest)
     });
     let nearest: Vec<(f64, Nearest)> = nearest.collect();
     (nearest.iter().fold(0.0, |most, (speed, _)| f64::max(most, *speed)), nearest[0].1)
@@ -257,6 +258,27 @@ fn an_empty_field_permits_what_the_sensors_reach_and_no_more() {
     // From 1.02 m/s it stands at the end of the reach, even without power.
     assert!((bound.speed - 1.02).abs() < 0.01 && bound.cause.is_none(), "{bound:?}");
     assert_eq!(fields.bound(Direction::Left, &Motion::default(), &[]).speed, 0.0, "it cannot move so");
+}
+
+#[test]
+fn the_reach_of_a_sensor_counts_from_where_it_sits() {
+    let permitted = |x: f64, direction: Direction| {
+        let mount = navitools::Pose::new(x, 0.0, 0.0);
+        let lidar = surroundings::Lidar { name: "top".into(), mount, view: std::f64::consts::TAU };
+        let settings = Settings { ranging: Ranging::Lidar, ..config().settings };
+        let mut fields = Fields::new(&Config { settings, lidars: vec![lidar], ..config() }, BASE).expect("a body");
+        fields.bound(direction, &Motion::default(), &[]).speed
+    };
+    let law = *Fields::new(&config(), BASE).expect("a body").law();
+    // At the corners, 0.3 m aside, it reaches less far.
+    let reach = libm::sqrt(2.5 * 2.5 - 0.09);
+    for (x, forward, backward) in
+        [(0.75, reach, reach - 0.9), (0.3, reach - 0.45, reach - 0.45), (1.0, 2.5, reach - 1.15)]
+    {
+        let expected = [forward, backward].map(|free| law.stops_within(free));
+        let found = [Direction::Forward, Direction::Backward].map(|direction| permitted(x, direction));
+        assert!(found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 0.001), "{x}: {found:?}");
+    }
 }
 
 #[test]

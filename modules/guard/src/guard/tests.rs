@@ -228,6 +228,22 @@ fn without_the_measured_motion_nothing_is_permitted() {
 }
 
 #[test]
+fn after_a_gap_in_the_motion_of_a_robot_that_moves_everything_is_unknown() {
+    for (speed, gap, is_unknown) in [(0.3, 250, true), (-0.3, 250, true), (0.0, 250, false), (0.3, 100, false)] {
+        let mut robot = Robot::new(Ranging::Sonar);
+        robot.speed = speed;
+        assert!(robot.pass(1500).0.forward > 0.6, "{speed}");
+        robot.moves = false;
+        robot.pass(gap);
+        robot.moves = true;
+        let (guard, _) = robot.pass(110);
+        let expected = if is_unknown { (true, Hold::GuardUnknown.code()) } else { (false, 0) };
+        assert_eq!((guard.forward == 0.0, guard.code), expected, "{speed} m/s, {gap} ms: {guard:?}");
+        assert!(robot.pass(1000).0.forward > 0.6, "{speed} m/s, {gap} ms");
+    }
+}
+
+#[test]
 fn a_robot_without_sensors_is_slow_in_every_direction() {
     let mut robot = Robot::new(Ranging::None);
     let (guard, _) = robot.pass(300);
