@@ -139,8 +139,8 @@ impl fmt::Display for Trouble {
             }
             Self::Stuck { state, goal, statusword, controlword, why } => {
                 match state {
-                    Some(state) => write!(f, "stays {state}")?,
-                    None => f.write_str("stays unseen")?,
+                    Some(state) => write!(f, "stays in the state {state}")?,
+                    None => f.write_str("does not report its state")?,
                 }
                 write!(f, " on the way to {goal}: {why}; controlword 0x{controlword:04X}")?;
                 write!(f, ", statusword 0x{statusword:04X} ({})", StatusBits(statusword))
