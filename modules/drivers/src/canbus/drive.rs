@@ -402,9 +402,12 @@ impl Drive {
     }
 
     fn report_repetitions(&self, reported: &Reported, out: &mut Actions) {
-        if reported.repeated > 0 {
-            self.report_emergency(&reported.emergency, &format!(", repeated {} times", reported.repeated), out);
-        }
+        let more = match reported.repeated {
+            0 => return,
+            1 => ", repeated once".to_owned(),
+            times => format!(", repeated {times} times"),
+        };
+        self.report_emergency(&reported.emergency, &more, out);
     }
 
     fn report_emergency(&self, emergency: &Emergency, more: &str, out: &mut Actions) {
