@@ -78,14 +78,19 @@ pub fn fault(common: &Common, command: &Fault) -> Outcome {
                 permit(offered, target, fault)?;
             }
             let mut tool = join(common)?;
-            let default = if fault == KIDNAP { (tool.timestamp() % PLACES) as f64 } else { 0.0 };
-            send(&mut tool, target, fault, command.value.unwrap_or(default), command.time)?;
+            let value = command.value.unwrap_or_else(|| default_value(fault, tool.timestamp()));
+            send(&mut tool, target, fault, value, command.time)?;
             refusal(&mut tool)?;
             print(done(target, fault, command.value, command.time))?;
         }
         (None, Some(_)) => return Err("a target is expected".into()),
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Value of a fault that is commanded without one, by the time, µs: a kidnapping is to another place each time.
+pub fn default_value(fault: &str, timestamp: i64) -> f64 {
+    if fault == KIDNAP { (timestamp % PLACES) as f64 } else { 0.0 }
 }
 
 /// What can be broken in the simulated robot that runs here, and true; or else in the configured one, and false.
@@ -243,6 +248,12 @@ mod tests {
     #[test]
     fn the_end_of_all_faults_is_one_message_for_each_target_that_takes_it() {
         assert_eq!(endings(&some()), [("gamepad".into(), "unplug"), ("fan1".into(), "none")]);
+    }
+
+    #[test]
+    fn a_kidnapping_without_a_number_is_to_another_place_each_time() {
+        let all = [("kidnap", 5_000_017), ("kidnap", 5_000_018), ("stall", 5_000_018)];
+        assert_eq!(all.map(|(fault, at)| default_value(fault, at)), [17.0, 18.0, 0.0]);
     }
 
     #[test]

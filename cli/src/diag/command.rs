@@ -2,7 +2,7 @@
 
 use super::sdo::Object;
 use crate::can::{standard, value};
-use crate::fault::Offered;
+use crate::fault::{Offered, default_value};
 use crate::{goal, pose};
 use diagnostics::orders;
 use messages::Message;
@@ -134,7 +134,8 @@ pub fn read(line: &str, timestamp: i64, source: &str, nodes: &[(u8, String)]) ->
             command.into()
         }
         ("fault", [target, fault]) => {
-            CmdFault { timestamp, target: (*target).into(), fault: (*fault).into(), ..CmdFault::default() }.into()
+            let value = default_value(fault, timestamp);
+            CmdFault { timestamp, target: (*target).into(), fault: (*fault).into(), value, duration: 0.0 }.into()
         }
         ("fault", [target, fault, value]) => {
             let value = value.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(wrong)?;
