@@ -19,9 +19,9 @@ pub struct Fault {
     target: Option<String>,
     /// Which fault, or `none`: ends those of the target; without it the faults of the target are described
     fault: Option<String>,
-    /// Value of the fault
-    #[arg(value_parser = finite, allow_negative_numbers = true, default_value = "0")]
-    value: f64,
+    /// Value of the fault, else 0; of robot kidnap the number of a place, else one by chance
+    #[arg(value_parser = finite, allow_negative_numbers = true)]
+    value: Option<f64>,
     /// Duration, s; without it until it is ended
     #[arg(long = "for", value_name = "S", value_parser = seconds, requires = "fault")]
     time: Option<Duration>,
@@ -40,6 +40,10 @@ const EXAMPLES: &str = "Examples:
 const NONE: &str = "none";
 const ROBOT: &str = "robot";
 const GAMEPAD: &str = "gamepad";
+/// Of the robot: it is carried to a place by its number.
+const KIDNAP: &str = "kidnap";
+/// The numbers of places are below it.
+const PLACES: i64 = 1_000_000;
 /// A simulator announces itself once a second.
 const LISTEN: Duration = Duration::from_millis(1200);
 /// Time limit for a refusal of an unknown fault.
@@ -74,13 +78,19 @@ pub fn fault(common: &Common, command: &Fault) -> Outcome {
                 permit(offered, target, fault)?;
             }
             let mut tool = join(common)?;
-            send(&mut tool, target, fault, command.value, command.time)?;
+            let value = command.value.unwrap_or_else(|| default_value(fault, tool.timestamp()));
+            send(&mut tool, target, fault, value, command.time)?;
             refusal(&mut tool)?;
             print(done(target, fault, command.value, command.time))?;
         }
         (None, Some(_)) => return Err("a target is expected".into()),
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Value of a fault that is commanded without one, by the time, µs: a kidnapping is to another place each time.
+pub fn default_value(fault: &str, timestamp: i64) -> f64 {
+    if fault == KIDNAP { (timestamp % PLACES) as f64 } else { 0.0 }
 }
 
 /// What can be broken in the simulated robot that runs here, and true; or else in the configured one, and false.
@@ -157,14 +167,15 @@ fn end(target: &str, fault: &str) -> String {
 }
 
 /// What was done, and how it ends.
-fn done(target: &str, fault: &str, value: f64, time: Option<Duration>) -> String {
+fn done(target: &str, fault: &str, value: Option<f64>, time: Option<Duration>) -> String {
     let end = end(target, fault);
+    let value = value.map_or_else(String::new, |value| format!(" {value}"));
     match (target, fault, time) {
         (ROBOT, ..) => format!("{target} {fault}: the robot was put elsewhere"),
         (_, NONE, _) => format!("the faults of {target} are ended"),
-        (_, _, Some(time)) => format!("{target} {fault} {value} for {} s", time.as_secs_f64()),
-        _ if end.is_empty() => format!("{target} {fault} {value}: done"),
-        _ => format!("{target} {fault} {value} until: {end}"),
+        (_, _, Some(time)) => format!("{target} {fault}{value} for {} s", time.as_secs_f64()),
+        _ if end.is_empty() => format!("{target} {fault}{value}: done"),
+        _ => format!("{target} {fault}{value} until: {end}"),
     }
 }
 
@@ -240,13 +251,19 @@ mod tests {
     }
 
     #[test]
+    fn a_kidnapping_without_a_number_is_to_another_place_each_time() {
+        let all = [("kidnap", 5_000_017), ("kidnap", 5_000_018), ("stall", 5_000_018)];
+        assert_eq!(all.map(|(fault, at)| default_value(fault, at)), [17.0, 18.0, 0.0]);
+    }
+
+    #[test]
     fn what_was_done_says_how_it_ends() {
         let second = Some(Duration::from_secs(1));
-        assert_eq!(done("fan1", "stall", 0.0, None), "fan1 stall 0 until: advee fault fan1 none");
-        assert_eq!(done("fan1", "stall", 2.0, second), "fan1 stall 2 for 1 s");
-        assert_eq!(done("gamepad", "speed", 0.3, None), "gamepad speed 0.3 until: advee fault gamepad speed 0");
-        assert_eq!(done("so1", "reset", 0.0, None), "so1 reset 0: done");
-        assert_eq!(done("robot", "kidnap", 0.0, None), "robot kidnap: the robot was put elsewhere");
-        assert_eq!(done("fan1", "none", 0.0, None), "the faults of fan1 are ended");
+        assert_eq!(done("fan1", "stall", None, None), "fan1 stall until: advee fault fan1 none");
+        assert_eq!(done("fan1", "stall", Some(2.0), second), "fan1 stall 2 for 1 s");
+        assert_eq!(done("gamepad", "speed", Some(0.3), None), "gamepad speed 0.3 until: advee fault gamepad speed 0");
+        assert_eq!(done("so1", "reset", None, None), "so1 reset: done");
+        assert_eq!(done("robot", "kidnap", None, None), "robot kidnap: the robot was put elsewhere");
+        assert_eq!(done("fan1", "none", None, None), "the faults of fan1 are ended");
     }
 }

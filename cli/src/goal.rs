@@ -142,8 +142,12 @@ fn in_words(goal: &DataGoal) -> String {
     let status = usize::try_from(goal.status).ok().and_then(|place| STATUS.get(place)).unwrap_or(&"?");
     let under_way = matches!(goal.status, DataGoal::DRIVING | DataGoal::BLOCKED) && goal.remaining.is_finite();
     let left = if under_way { format!(", {:.1} m left", goal.remaining) } else { String::new() };
-    let message = if goal.message.is_empty() { String::new() } else { format!(": {}", OneLine(&goal.message)) };
-    format!("{status}{left}{message}")
+    match (goal.status, goal.message.is_empty()) {
+        (_, true) => format!("{status}{left}"),
+        // The message begins with the status: `cancelled: there is no goal`.
+        (DataGoal::CANCELLED, false) => OneLine(&goal.message).to_string(),
+        (_, false) => format!("{status}{left}: {}", OneLine(&goal.message)),
+    }
 }
 
 fn wanted(common: &Common, command: &Goal) -> Result<CmdGoal, super::Failed> {
@@ -325,6 +329,9 @@ mod tests {
         assert!(in_words(&goal).starts_with("driving, 4.7 m left: on its") && !in_words(&goal).contains('\n'));
         assert_eq!(in_words(&DataGoal { remaining: f64::NAN, ..DataGoal::default() }), "idle");
         assert_eq!(in_words(&DataGoal { status: 99, ..DataGoal::default() }), "?");
+        let message = "cancelled: there is no goal".into();
+        let cancelled = DataGoal { status: DataGoal::CANCELLED, message, ..DataGoal::default() };
+        assert_eq!(in_words(&cancelled), "cancelled: there is no goal");
     }
 
     #[test]

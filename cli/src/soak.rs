@@ -398,7 +398,7 @@ impl Robot {
             print(format_args!("  {kind:<22} {count:>6}{fastest}"))?;
         }
         let Goals { sent, reached, given_up } = figures.goals;
-        print(format_args!("goals           {reached} reached of {sent}, {given_up} given up"))?;
+        print(format_args!("goals           {reached} reached of {sent}, {given_up} blocked or failed"))?;
         for (name, time) in worst(figures) {
             let time = time.map_or("-".into(), |time| format!("{:.1} ms", time.as_secs_f64() * 1e3));
             print(format_args!("worst, {name:<24} {time:>10}"))?;

@@ -163,7 +163,11 @@ impl Host {
         let page = beats.as_ref().and_then(HeartbeatPage::watchdog);
         let watchdog = page.filter(|_| watchdog_seen.is_some() && bus.knows_senders());
         if believes && watchdog.is_none() && launch_is_none {
-            notices.push("no watchdog is known here: whoever may command is believed that all is well".into());
+            notices.push(
+                "the sender of a message cannot be identified here: every program that may command may also report \
+                 that PAUSE is released, or that the way is free"
+                    .into(),
+            );
         }
         let specs = shell.module().ports();
         assert_eq!(specs.len(), config.ports.len(), "a place for each port");

@@ -2,7 +2,7 @@
 
 use super::sdo::Object;
 use crate::can::{standard, value};
-use crate::fault::Offered;
+use crate::fault::{Offered, default_value};
 use crate::{goal, pose};
 use diagnostics::orders;
 use messages::Message;
@@ -51,7 +51,31 @@ pub fn usage(line: &str) -> Option<(&'static str, &'static str)> {
 
 /// The line with its last word completed as far as that is one thing only.
 pub fn complete(line: &str, modules: &[String], faults: &Offered) -> String {
-    let (before, last) = line.rsplit_once(' ').map_or(("", line), |(before, last)| (before, last));
+    let (before, last) = parts(line);
+    let fit = fitting(line, modules, faults);
+    let Some(first) = fit.first() else { return line.into() };
+    let same =
+        |len: &usize| fit.iter().all(|word| word.get(..*len).is_some_and(|head| Some(head) == first.get(..*len)));
+    let common = (last.len()..=first.len()).rev().find(same).unwrap_or(last.len());
+    let gap = if before.is_empty() { "" } else { " " };
+    let end = if fit.len() == 1 { " " } else { "" };
+    format!("{before}{gap}{}{end}", &first[..common])
+}
+
+/// The words that fit as the argument that is typed, if there are several.
+pub fn choices<'a>(line: &str, modules: &'a [String], faults: &'a Offered) -> Vec<&'a str> {
+    let fit = fitting(line, modules, faults);
+    if parts(line).0.trim().is_empty() || fit.len() < 2 { Vec::new() } else { fit }
+}
+
+/// The line before its last word, and that word.
+fn parts(line: &str) -> (&str, &str) {
+    line.rsplit_once(' ').unwrap_or(("", line))
+}
+
+/// All words that begin as the last word of the line and are known in its place.
+fn fitting<'a>(line: &str, modules: &'a [String], faults: &'a Offered) -> Vec<&'a str> {
+    let (before, last) = parts(line);
     let words: Vec<&str> = before.split_whitespace().collect();
     let all: Vec<&str> = match words[..] {
         [] => HELP.iter().filter_map(|(usage, _)| usage.split(' ').next()).collect(),
@@ -67,14 +91,7 @@ pub fn complete(line: &str, modules: &[String], faults: &Offered) -> String {
         }
         _ => Vec::new(),
     };
-    let fit: Vec<&str> = all.into_iter().filter(|word| word.starts_with(last)).collect();
-    let Some(first) = fit.first() else { return line.into() };
-    let same =
-        |len: &usize| fit.iter().all(|word| word.get(..*len).is_some_and(|head| Some(head) == first.get(..*len)));
-    let common = (last.len()..=first.len()).rev().find(same).unwrap_or(last.len());
-    let gap = if before.is_empty() && words.is_empty() { "" } else { " " };
-    let end = if fit.len() == 1 { " " } else { "" };
-    format!("{before}{gap}{}{end}", &first[..common])
+    all.into_iter().filter(|word| word.starts_with(last)).collect()
 }
 
 /// Reads a line; `timestamp` is now, `source` who asks, `nodes` are those of the CAN bus with their axes.
@@ -117,7 +134,8 @@ pub fn read(line: &str, timestamp: i64, source: &str, nodes: &[(u8, String)]) ->
             command.into()
         }
         ("fault", [target, fault]) => {
-            CmdFault { timestamp, target: (*target).into(), fault: (*fault).into(), ..CmdFault::default() }.into()
+            let value = default_value(fault, timestamp);
+            CmdFault { timestamp, target: (*target).into(), fault: (*fault).into(), value, duration: 0.0 }.into()
         }
         ("fault", [target, fault, value]) => {
             let value = value.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(wrong)?;
@@ -250,6 +268,18 @@ mod tests {
             ("", ""),
         ] {
             assert_eq!(complete(line, &modules, &faults), completed, "{line}");
+        }
+        for (line, several) in [
+            ("fault ", &["fan1", "psc1", "propulsion"][..]),
+            ("fault p", &["psc1", "propulsion"]),
+            ("fault fan1 ", &["stall", "none"]),
+            ("fault fan1 s", &[]),
+            ("fault fan2 ", &[]),
+            ("log st", &["start", "stop"]),
+            ("p", &[]),
+            ("", &[]),
+        ] {
+            assert_eq!(choices(line, &modules, &faults), several, "{line}");
         }
         assert_eq!(usage("state x").map(|(usage, _)| usage), Some("state MODULE STATE"));
         assert_eq!(usage(""), None);

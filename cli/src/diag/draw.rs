@@ -147,10 +147,14 @@ fn draw_tabs(frame: &mut Frame<'_>, app: &App, area: Rect, now: Instant) {
 fn draw_foot(frame: &mut Frame<'_>, app: &App, area: Rect, now: Instant) {
     let text = match &app.mode {
         Mode::Command(line) => {
-            let usage = command::usage(line).map_or_else(
-                || "   tab completes, up: earlier, esc: none".into(),
-                |(usage, what)| format!("   {usage}: {what}"),
-            );
+            let (model, at) = app.shown(now);
+            let modules: Vec<String> = model.modules(at).into_iter().map(|row| row.module).collect();
+            let choices = command::choices(line, &modules, &app.faults);
+            let usage = match command::usage(line) {
+                _ if !choices.is_empty() => format!("   {}", choices.join(" ")),
+                Some((usage, what)) => format!("   {usage}: {what}"),
+                None => "   tab completes, up: earlier, esc: none".into(),
+            };
             // What is typed is seen to its end.
             let over = line.chars().count().saturating_sub(usize::from(area.width).saturating_sub(3));
             format!(":{}\u{2588}{usage}", line.chars().skip(over).collect::<String>())

@@ -151,7 +151,9 @@ impl Channel {
                 ..Rates::default()
             };
         }
-        let (count, per_s) = (sum.count as f64, |what: f64| (sum.gaps > 0.0).then(|| what / sum.gaps));
+        // Of a single burst the gaps are no measure: the time since then counts.
+        let time = sum.gaps + if age_s > sum.gaps { age_s } else { 0.0 };
+        let (count, per_s) = (sum.count as f64, |what: f64| (time > 0.0).then(|| what / time));
         let mean = sum.gaps / count;
         let seconds = |ns: u64| ns as f64 * 1e-9;
         let ended = age_s > 1.0 && age_s > 2.0 * seconds(sum.gap_ns.1);
@@ -237,6 +239,16 @@ mod tests {
         near(greatest, 0.03);
         near(rates.gap_std_s, (200e-6_f64 / 3.0).sqrt());
         near(rates.age_s, 0.01);
+    }
+
+    #[test]
+    fn a_single_burst_is_no_high_rate() {
+        let mut stats = Stats::new(10_000 * MS);
+        heard(&mut stats, "A", [0, 0, 0, 1, 1], 8);
+        near(rates(&stats, 500).hz.unwrap(), 8.0);
+        near(rates(&stats, 500).bytes_per_s.unwrap(), 64.0);
+        heard(&mut stats, "A", [1000, 1000], 8);
+        near(rates(&stats, 1500).hz.unwrap(), 6.0);
     }
 
     #[test]

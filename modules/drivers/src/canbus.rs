@@ -623,7 +623,7 @@ impl Canbus {
             }
             CanEvent::BabblingOver { node } => {
                 let (subject, name) = self.name_of(node);
-                out.clear(Fault::CanBabble, subject, format!("{name} is quiet on {} again", self.bus_name()));
+                out.clear(Fault::CanBabble, subject, format!("{name} no longer floods {}", self.bus_name()));
             }
             CanEvent::Swapped { node, serial } => {
                 out.note(format!("{} is another device now, serial number {serial:#x}", self.name_of(node).1));

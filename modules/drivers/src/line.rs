@@ -249,7 +249,7 @@ impl Line {
             }
             Event::BabbleOver { who } => {
                 let (subject, who) = self.culprit(who);
-                out.clear(Fault::BusBabble, subject, format!("{who} is quiet on {} again", self.bus));
+                out.clear(Fault::BusBabble, subject, format!("{who} no longer disturbs {}", self.bus));
             }
             Event::Clash { node, certain } => {
                 let (name, board) = self.name(node);

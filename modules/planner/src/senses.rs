@@ -134,10 +134,9 @@ impl Senses {
         if jumped { EstimateCheck::Jumped } else { EstimateCheck::Ok }
     }
 
-    /// Processes `LL_DATA_MOTION`.
+    /// Processes `LL_DATA_MOTION`. Its steering angle is no number while the steering is homed.
     pub fn on_motion(&mut self, at: Instant, motion: &DataMotion) {
-        let sane = motion.speed.is_finite() && motion.steering.is_finite();
-        self.motion = sane.then(|| (at, motion.clone()));
+        self.motion = Some((at, motion.clone()));
     }
 
     /// Processes `LL_DATA_VELOCITY` of a base that turns on the spot or goes sideways.
@@ -224,10 +223,10 @@ impl Senses {
         Some(Located { pose: before.pose_at(fired), at: fired, ..*before })
     }
 
-    /// Speed and steering angle of a robot that steers; zero if the drives have not reported.
+    /// Speed and steering angle of a robot that steers; zero if the drives have not reported them.
     #[must_use]
     pub fn motion(&self) -> Motion {
-        let motion = self.motion.as_ref().map(|(_, motion)| motion);
+        let motion = self.motion.as_ref().map(|(_, motion)| motion).filter(|motion| is_known(motion));
         motion.map_or_else(Default::default, |motion| Motion {
             speed: motion.speed,
             steering: motion.steering,
@@ -311,10 +310,18 @@ impl Senses {
             let words = text.filter(|text| !text.is_empty()).unwrap_or_else(|| reported.words());
             waits.push(Wait { hold, subject: reported.subject.clone(), latched: reported.latched, words });
         }
+        if waits.is_empty() && !is_known(motion) {
+            waits.push(Wait::new(Hold::ModuleSilent, MOTION_MODULE));
+        }
         if waits.is_empty() && motion.source != source {
             waits.push(Wait::new(Hold::Starting, ""));
         }
     }
+}
+
+/// True if speed and steering angle are numbers.
+fn is_known(motion: &DataMotion) -> bool {
+    motion.speed.is_finite() && motion.steering.is_finite()
 }
 
 /// Cause for which the planner does not drive.
@@ -565,6 +572,21 @@ mod tests {
                 assert_eq!(starting, stands == [(Hold::NobodyCommands, "")], "{reason:?}");
             }
         }
+    }
+
+    #[test]
+    fn a_steering_angle_that_is_not_known_hides_no_cause_and_holds_the_robot() {
+        let mut senses = ready();
+        let motion = |source: &str, steering| DataMotion { source: source.into(), steering, ..Default::default() };
+        senses.on_motion(ms(1100), &motion("", f64::NAN));
+        senses.on_hold(ms(1100), &holds(0, &[(Hold::Homing, "steering")]));
+        assert_eq!(why(&senses, 1100), one(Hold::Homing, "steering", "waits: the steering is being homed"));
+        assert_eq!(senses.motion().steering.to_bits(), 0);
+        senses.on_motion(ms(1150), &motion("planner", f64::NAN));
+        senses.on_hold(ms(1150), &holds(0, &[]));
+        assert_eq!(why(&senses, 1150).0, [(Hold::ModuleSilent, MOTION_MODULE.into())]);
+        senses.on_motion(ms(1150), &motion("planner", 0.0));
+        assert_eq!(why(&senses, 1150).0, []);
     }
 
     #[test]

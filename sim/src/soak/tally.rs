@@ -74,7 +74,8 @@ pub struct Goals {
     pub sent: u64,
     /// Reached.
     pub reached: u64,
-    /// Given up by the planner: blocked or failed. The others ended by a stop, after their time, or with the episode.
+    /// Failed, or blocked: then the operator drives by hand at once. The others ended by a stop, after their time, or
+    /// with the episode.
     pub given_up: u64,
 }
 

@@ -139,8 +139,8 @@ impl fmt::Display for Trouble {
             }
             Self::Stuck { state, goal, statusword, controlword, why } => {
                 match state {
-                    Some(state) => write!(f, "stays {state}")?,
-                    None => f.write_str("stays unseen")?,
+                    Some(state) => write!(f, "stays in the state {state}")?,
+                    None => f.write_str("does not report its state")?,
                 }
                 write!(f, " on the way to {goal}: {why}; controlword 0x{controlword:04X}")?;
                 write!(f, ", statusword 0x{statusword:04X} ({})", StatusBits(statusword))
@@ -402,9 +402,12 @@ impl Drive {
     }
 
     fn report_repetitions(&self, reported: &Reported, out: &mut Actions) {
-        if reported.repeated > 0 {
-            self.report_emergency(&reported.emergency, &format!(", repeated {} times", reported.repeated), out);
-        }
+        let more = match reported.repeated {
+            0 => return,
+            1 => ", repeated once".to_owned(),
+            times => format!(", repeated {times} times"),
+        };
+        self.report_emergency(&reported.emergency, &more, out);
     }
 
     fn report_emergency(&self, emergency: &Emergency, more: &str, out: &mut Actions) {

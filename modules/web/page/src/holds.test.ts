@@ -1,7 +1,7 @@
 import { deepEqual, equal, ok } from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
-import { isHeld, leading, leads, pausedByWords, standing } from "./holds";
+import { isHeld, leading, leads, pausedByWords, standing, waitsForHand } from "./holds";
 import { HOLD } from "./numbers";
 import type { DrivePart, HoldRow } from "./protocol";
 
@@ -36,4 +36,9 @@ test("an operator's stop is seen by its number, whatever else stands", () => {
   deepEqual([isHeld([row(111), held]), isHeld([row(HOLD.ModulePaused, { subject: "planner" })]), isHeld([])], [true, false, false]);
   equal(isHeld([row(0)]), null, "a recording from before the numbers");
   deepEqual(standing([row(401), row(601), row(405)]).map(({ code }) => code), [405]);
+});
+
+test("a hand ends what is latched, but for the planner's cause", () => {
+  const [fault, planner, other] = [row(213), row(HOLD.PlannerLatched, { latched: true }), row(HOLD.PauseLatched, { latched: true })];
+  deepEqual([[fault], [fault, planner], [fault, planner, other]].map((rows) => waitsForHand(rows)), [false, false, true]);
 });

@@ -28,6 +28,11 @@ export function pausedByWords(part: DrivePart | null): string {
   return (row && holdWho(row)) || part?.stop.value?.source || t("somebody");
 }
 
+/** A latched cause that a hand ends by its press; that of the planner, a goal ends. */
+export function waitsForHand(holds: readonly HoldRow[]): boolean {
+  return holds.some(({ code, latched }) => latched && code !== HOLD.PlannerLatched);
+}
+
 /** driver_canbus was commanded into PAUSE or STOP; null: its list is not known. */
 export function isHeld(holds: readonly HoldRow[]): boolean | null {
   // A recording from before the numbers.

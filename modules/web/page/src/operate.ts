@@ -21,7 +21,9 @@ export function sentence(words: string): string {
   if (!words) return t("It was refused.");
   const text = said(words);
   const end = /[.!?]$/.test(text) ? "" : ".";
-  return `${text[0]?.toUpperCase()}${text.slice(1)}${end}`;
+  // The name of a module is written as it is.
+  const first = /^\w*_/.test(text) ? text[0] : text[0]?.toUpperCase();
+  return `${first}${text.slice(1)}${end}`;
 }
 
 // -------------------------------------------------------------------------------------------------- stop

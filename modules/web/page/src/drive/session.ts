@@ -3,7 +3,7 @@
 import { computed, effect, signal } from "@preact/signals";
 import { listen, send } from "../connection/command";
 import { onStop, sentence, stopped } from "../operate";
-import { pausedByWords } from "../holds";
+import { pausedByWords, waitsForHand } from "../holds";
 import { clock, connection, drive, fresh, roundTrip, scene, stale, TOO_SLOW, whyNot } from "../state";
 import { types } from "../shell/keys";
 import { keysRest } from "../ui/rest";
@@ -29,9 +29,8 @@ export const whyNoDrive = computed<string | null>(() => {
   if (stopped.value) return t("The robot is stopped. Resume first.");
   const line = fresh(drive.value?.stop);
   if (line?.engaged) return t("PAUSE: {who} stops the robot.", { who: pausedByWords(drive.value) });
-  // A latched cause waits for a hand: that one may be pressed.
   const part = drive.value;
-  if (part && (part.status.word === "fault" || part.status.word === "silent") && !part.holds.some(({ latched }) => latched)) {
+  if (part && (part.status.word === "fault" || part.status.word === "silent") && !waitsForHand(part.holds)) {
     return sentence(part.status.reason);
   }
   return null;
