@@ -113,7 +113,7 @@ pub enum Fed {
 
 impl Feed {
     pub fn start(log: &Arc<Log>, selection: &Selection) -> Result<Self, Failed> {
-        let mut items = log.items(selection)?;
+        let mut items = log.items_ahead(selection)?;
         let shared = Arc::new(Shared::default());
         let theirs = shared.clone();
         let read = move || {

@@ -1,5 +1,6 @@
 //! A log of any kind: a run's folder, an MCAP file, an official LCM event log.
 
+use super::ahead::Threads;
 use super::select::Selection;
 use crate::Failed;
 use crate::progress::Progress;
@@ -133,6 +134,17 @@ impl Log {
             }
         }
         channels
+    }
+
+    /// As [`Log::items`], with threads that read ahead.
+    pub fn items_ahead(&self, selection: &Selection) -> Result<Items, Failed> {
+        let mut items = self.items(selection)?;
+        if let (Inner::Mcap(messages), Kind::Mcap(files)) = (&mut items.kind, &self.kind)
+            && let Some(threads) = Threads::start(files, &messages.pending())?
+        {
+            messages.set_ahead(Box::new(threads));
+        }
+        Ok(items)
     }
 
     /// The messages of a selection, in order.
