@@ -12,6 +12,7 @@ mod index;
 mod merge;
 mod scan;
 mod summary;
+mod zstd;
 
 pub(crate) use chunk::{Head, Records};
 pub(crate) use index::Builder;

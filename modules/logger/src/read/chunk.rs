@@ -1,9 +1,8 @@
 //! Content of a chunk.
 
 use super::fields::{self, Fields};
-use super::{HEAD, Message, RECORD_MAX, op};
+use super::{HEAD, Message, RECORD_MAX, op, zstd};
 use lz4_flex::frame::FrameDecoder as Lz4;
-use ruzstd::decoding::{BlockDecodingStrategy, FrameDecoder};
 use std::io::Read;
 
 /// Bytes of a chunk's content before its records, without the name of the compression.
@@ -58,7 +57,7 @@ impl Head {
 /// Unpacks chunks, and keeps its memory for the next one.
 #[derive(Default)]
 pub struct Unpacker {
-    zstd: FrameDecoder,
+    zstd: zstd::Decoder,
 }
 
 impl Unpacker {
@@ -70,10 +69,7 @@ impl Unpacker {
             "" => packed,
             "zstd" => {
                 prepare(space, packed, size);
-                let mut rest = packed;
-                while !rest.is_empty() {
-                    self.frame(&mut rest, size, space)?;
-                }
+                self.zstd.expand(packed, size, space)?;
                 space
             }
             "lz4" => {
@@ -87,25 +83,12 @@ impl Unpacker {
         let holds = records.len() == size && (head.crc == 0 || crc32fast::hash(records) == head.crc);
         holds.then_some(records)
     }
-
-    /// Appends the content of a zstd frame: at most `size` bytes in all, whatever the compressed data announces.
-    fn frame(&mut self, rest: &mut &[u8], size: usize, space: &mut Vec<u8>) -> Option<()> {
-        self.zstd.reset(&mut *rest).ok()?;
-        while !self.zstd.is_finished() {
-            self.zstd.decode_blocks(&mut *rest, BlockDecodingStrategy::UptoBlocks(1)).ok()?;
-            if self.zstd.can_collect() > size - space.len() {
-                return None;
-            }
-            self.zstd.collect_to_writer(&mut *space).ok()?;
-        }
-        Some(())
-    }
 }
 
 /// Empties the space, and reserves what a chunk may need; more only as its bytes are produced.
 fn prepare(space: &mut Vec<u8>, packed: &[u8], size: usize) {
     space.clear();
-    space.reserve(size.min(packed.len().saturating_mul(USUAL_RATIO)) + 1);
+    space.reserve(size.min(packed.len().saturating_mul(USUAL_RATIO)) + zstd::SLACK);
 }
 
 /// Record in a chunk.
