@@ -12,8 +12,8 @@ use std::thread::{self, JoinHandle};
 
 /// Maximum number of threads.
 const THREADS_MAX: usize = 8;
-/// Maximum size of the pieces that wait, bytes, as the index has it; at least one piece.
-const BYTES_MAX: u64 = 16 << 20;
+/// Maximum size of the pieces that wait, bytes, while they are loaded as the index has it; at least one piece.
+const BYTES_MAX: u64 = 8 << 20;
 
 /// A piece: the place of its file, its place in that file's index, and its unpacked size, bytes.
 type Place = (usize, usize, u64);
@@ -25,7 +25,10 @@ struct Pieces {
     /// Maximum number of pieces that are loaded or wait.
     count_max: usize,
     state: Mutex<State>,
-    changed: Condvar,
+    /// The next piece is loaded.
+    ready: Condvar,
+    /// A piece was taken, or no more are wanted.
+    room: Condvar,
 }
 
 #[derive(Default)]
@@ -35,8 +38,10 @@ struct State {
     taken: usize,
     /// Size of those in between, bytes.
     bytes: u64,
-    /// Loaded ones, by their place in the order.
-    loaded: BTreeMap<usize, io::Result<Content>>,
+    /// Loaded ones, by their place in the order, each with its size as it counts in `bytes`.
+    loaded: BTreeMap<usize, (u64, io::Result<Content>)>,
+    /// Memory of pieces that were used.
+    spare: Vec<Vec<u8>>,
     /// True if no more pieces are wanted.
     closed: bool,
 }
@@ -47,12 +52,8 @@ impl Pieces {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn wait<'a>(&self, state: MutexGuard<'a, State>) -> MutexGuard<'a, State> {
-        self.changed.wait(state).unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Next piece for a thread; waits while enough of them wait. `None` if there are no more.
-    fn begin(&self) -> Option<(usize, Place)> {
+    /// Next piece for a thread, and memory for it; waits while enough of them wait. `None` if there are no more.
+    fn begin(&self) -> Option<(usize, Place, Vec<u8>)> {
         let mut state = self.lock();
         loop {
             let at = state.begun;
@@ -61,9 +62,10 @@ impl Pieces {
             if waiting == 0 || waiting < self.count_max && state.bytes.saturating_add(place.2) <= BYTES_MAX {
                 state.begun += 1;
                 state.bytes = state.bytes.saturating_add(place.2);
-                return Some((at, place));
+                let space = state.spare.pop().unwrap_or_default();
+                return Some((at, place, space));
             }
-            state = self.wait(state);
+            state = self.room.wait(state).unwrap_or_else(PoisonError::into_inner);
         }
     }
 
@@ -71,18 +73,26 @@ impl Pieces {
     fn work(&self) {
         let mut loader = Loader::default();
         let mut open: Option<(usize, File)> = None;
-        while let Some((at, (file, piece, _))) = self.begin() {
-            let mut load = || {
+        while let Some((at, (file, piece, bytes), space)) = self.begin() {
+            let load = || {
                 let (path, index) = &self.files[file];
                 if open.as_ref().is_none_or(|(place, _)| *place != file) {
                     open = Some((file, File::open(path)?));
                 }
                 let (_, inner) = open.as_mut().ok_or(io::ErrorKind::NotFound)?;
-                loader.load(inner, &index.pieces[piece])
+                loader.load(inner, &index.pieces[piece], space)
             };
             let content = load();
-            self.lock().loaded.insert(at, content);
-            self.changed.notify_all();
+            let mut state = self.lock();
+            // The index may be wrong.
+            let actual = content.as_ref().map_or(0, Content::size);
+            state.bytes = state.bytes.saturating_sub(bytes).saturating_add(actual);
+            state.loaded.insert(at, (actual, content));
+            let is_next = at == state.taken;
+            drop(state);
+            if is_next {
+                self.ready.notify_one();
+            }
         }
     }
 }
@@ -106,7 +116,8 @@ impl Threads {
             order: order.iter().map(place).collect(),
             count_max: 4 * count,
             state: Mutex::default(),
-            changed: Condvar::new(),
+            ready: Condvar::new(),
+            room: Condvar::new(),
         });
         let mut threads = Self { pieces, threads: Vec::new() };
         for _ in 0..count {
@@ -119,19 +130,23 @@ impl Threads {
 }
 
 impl Ahead for Threads {
-    fn next(&mut self, file: usize, piece: usize) -> io::Result<Content> {
+    fn next(&mut self, file: usize, piece: usize, space: Vec<u8>) -> io::Result<Content> {
         let mut state = self.pieces.lock();
+        if space.capacity() > 0 && state.spare.len() < self.pieces.count_max {
+            state.spare.push(space);
+        }
         let at = state.taken;
         let place = self.pieces.order.get(at).filter(|place| (place.0, place.1) == (file, piece));
-        let bytes = place.ok_or_else(|| io::Error::other("a piece out of order"))?.2;
+        place.ok_or_else(|| io::Error::other("a piece out of order"))?;
         loop {
-            if let Some(content) = state.loaded.remove(&at) {
+            if let Some((bytes, content)) = state.loaded.remove(&at) {
                 state.taken += 1;
                 state.bytes = state.bytes.saturating_sub(bytes);
-                self.pieces.changed.notify_all();
+                drop(state);
+                self.pieces.room.notify_one();
                 return content;
             }
-            state = self.pieces.wait(state);
+            state = self.pieces.ready.wait(state).unwrap_or_else(PoisonError::into_inner);
         }
     }
 }
@@ -139,7 +154,7 @@ impl Ahead for Threads {
 impl Drop for Threads {
     fn drop(&mut self) {
         self.pieces.lock().closed = true;
-        self.pieces.changed.notify_all();
+        self.pieces.room.notify_all();
         self.threads.drain(..).for_each(|thread| drop(thread.join()));
     }
 }

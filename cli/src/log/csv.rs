@@ -7,6 +7,7 @@ use super::source::{Item, Log};
 use crate::lcm::types::TypesArg;
 use crate::progress::Interruptible;
 use crate::{Failed, complain};
+use base::Arrange;
 use lcm_gen::dynamic::Columns;
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -23,8 +24,11 @@ const COLUMNS_MAX: usize = 100_000;
 const OPEN_MAX: usize = 500;
 /// Maximum number of threads that write tables.
 const THREADS_MAX: usize = 8;
-/// Size of the messages that they write at a time, bytes.
+/// Size of the messages that they write at a time, bytes: while the log is read, and of those in memory.
 const GROUP: usize = 4 << 20;
+const GROUP_KEPT: usize = 16 << 20;
+/// Costs of a row that does not depend on its columns, in cells.
+const ROW: u64 = 4;
 /// Size of a table's write buffer, bytes.
 const BUFFER: usize = 1 << 18;
 /// Maximum size of a selection that stays in memory between the two passes, bytes; a larger one is read twice.
@@ -42,13 +46,14 @@ struct Table {
     path: Option<PathBuf>,
     file: Option<File>,
     buffer: Vec<u8>,
+    /// All messages in the first pass, rows in the second.
     rows: u64,
     undecoded: u64,
     /// Messages of the channel's other types.
     others: u64,
     /// Elements of arrays beyond the columns.
     left_out: u64,
-    /// Size of the messages, bytes: all of the channel in the first pass, those of its rows in the second.
+    /// Size of the rows' messages, bytes.
     bytes: u64,
     /// The type; the first message's.
     ty: String,
@@ -136,7 +141,7 @@ impl Export<'_> {
                 Some(table) => table,
                 None => tables.entry(item.channel.into()).or_default(),
             };
-            table.bytes += item.data.len() as u64;
+            table.rows += 1;
             if table.ty.is_empty() || table.grows {
                 match decoder.decode(item) {
                     Ok(message) => {
@@ -181,7 +186,7 @@ impl Export<'_> {
                 let (mut done, all) = (0, batches.len() as u64);
                 let mut batches = batches.into_iter();
                 loop {
-                    let group = Group::of(&mut batches);
+                    let group = Group::of(&mut batches, GROUP_KEPT);
                     if group.0.is_empty() {
                         break;
                     }
@@ -195,7 +200,7 @@ impl Export<'_> {
                 // What is left out is known from the first pass.
                 self.read("writing", |batch| {
                     group.0.push(batch);
-                    if group.is_full() { std::mem::take(&mut group).write(&mut writers) } else { Ok(()) }
+                    if group.is_full(GROUP) { std::mem::take(&mut group).write(&mut writers) } else { Ok(()) }
                 })?;
                 group.write(&mut writers)?;
             }
@@ -248,10 +253,10 @@ impl Export<'_> {
 struct Group(Vec<Batch>);
 
 impl Group {
-    /// The next batches, until it is full.
-    fn of(batches: &mut impl Iterator<Item = Batch>) -> Self {
+    /// The next batches, until there are `size` bytes.
+    fn of(batches: &mut impl Iterator<Item = Batch>, size: usize) -> Self {
         let mut group = Self::default();
-        while !group.is_full()
+        while !group.is_full(size)
             && let Some(batch) = batches.next()
         {
             group.0.push(batch);
@@ -259,13 +264,15 @@ impl Group {
         group
     }
 
-    fn is_full(&self) -> bool {
-        self.0.iter().map(Batch::size).sum::<usize>() >= GROUP
+    fn is_full(&self, size: usize) -> bool {
+        self.0.iter().map(Batch::size).sum::<usize>() >= size
     }
 
     /// Has all writers write their messages, at the same time.
     fn write(self, writers: &mut [Writer]) -> Result<(), Failed> {
-        let write = |writer: &mut Writer| self.0.iter().flat_map(Batch::items).try_for_each(|item| writer.take(&item));
+        let write = |writer: &mut Writer| {
+            self.0.iter().flat_map(Batch::numbered).try_for_each(|(number, item)| writer.take(number, &item))
+        };
         let Some((here, others)) = writers.split_first_mut() else { return Ok(()) };
         thread::scope(|scope| {
             let others: Vec<_> = others.iter_mut().map(|writer| scope.spawn(move || write(writer))).collect();
@@ -280,31 +287,64 @@ impl Group {
 
 /// Writes some of the tables.
 struct Writer {
-    tables: BTreeMap<String, Table>,
+    /// By channel, in order.
+    tables: Vec<(String, Table)>,
+    /// By number of the messages.
+    places: Vec<Place>,
     decoder: Decoder,
     keep_open: bool,
 }
 
+/// Where messages are written.
+#[derive(Clone, Copy)]
+enum Place {
+    Unknown,
+    /// By another writer, or nowhere.
+    Elsewhere,
+    /// To this table.
+    Here(usize),
+}
+
 impl Writer {
-    /// A writer for each processor, with about the same size of messages.
+    /// A writer for each processor, with about the same number of cells.
     fn share(tables: BTreeMap<String, Table>, decoder: &Decoder, keep_open: bool) -> Vec<Self> {
         let count = thread::available_parallelism().map_or(1, usize::from).min(THREADS_MAX).min(tables.len());
         let mut shares: Vec<(u64, Self)> = (0..count.max(1))
-            .map(|_| (0, Self { tables: BTreeMap::new(), decoder: decoder.another(), keep_open }))
+            .map(|_| (0, Self { tables: Vec::new(), places: Vec::new(), decoder: decoder.another(), keep_open }))
             .collect();
-        let mut tables: Vec<(String, Table)> = tables.into_iter().collect();
-        tables.sort_unstable_by_key(|(_, table)| Reverse(table.bytes));
-        for (channel, mut table) in tables {
-            if let Some((bytes, writer)) = shares.iter_mut().min_by_key(|(bytes, _)| *bytes) {
-                *bytes += std::mem::take(&mut table.bytes);
-                writer.tables.insert(channel, table);
+        let cost = |mut table: Table| {
+            let rows = std::mem::take(&mut table.rows);
+            (rows.saturating_mul(ROW + table.columns.count() as u64), table)
+        };
+        let mut tables: Vec<(String, (u64, Table))> =
+            tables.into_iter().map(|(channel, table)| (channel, cost(table))).collect();
+        tables.arrange_by_key(|(_, (cost, _))| Reverse(*cost));
+        for (channel, (cost, table)) in tables {
+            if let Some((sum, writer)) = shares.iter_mut().min_by_key(|(sum, _)| *sum) {
+                *sum = sum.saturating_add(cost);
+                writer.tables.push((channel, table));
             }
         }
+        shares.iter_mut().for_each(|(_, writer)| writer.tables.arrange_by(|(a, _), (b, _)| a.cmp(b)));
         shares.into_iter().map(|(_, writer)| writer).collect()
     }
 
-    fn take(&mut self, item: &Item<'_>) -> Result<(), Failed> {
-        let Some(table) = self.tables.get_mut(item.channel) else { return Ok(()) };
+    /// Table of the messages with this number.
+    fn place(&mut self, number: usize, channel: &str) -> Place {
+        if number >= self.places.len() {
+            self.places.resize(number + 1, Place::Unknown);
+        }
+        let place = &mut self.places[number];
+        if let Place::Unknown = place {
+            let found = self.tables.binary_search_by(|(name, _)| name.as_str().cmp(channel));
+            *place = found.map_or(Place::Elsewhere, Place::Here);
+        }
+        *place
+    }
+
+    fn take(&mut self, number: usize, item: &Item<'_>) -> Result<(), Failed> {
+        let Place::Here(at) = self.place(number, item.channel) else { return Ok(()) };
+        let (_, table) = &mut self.tables[at];
         let message = match self.decoder.decode(item) {
             Ok(message) if message.ty().name() == table.ty => message,
             Ok(_) => {

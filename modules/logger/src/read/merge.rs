@@ -9,6 +9,8 @@ use std::sync::Arc;
 
 /// Maximum size of overlapping chunks held in memory, bytes; beyond it the order is given up.
 const HELD_BYTES_MAX: u64 = 512 << 20;
+/// Maximum size of memory kept for the next piece, bytes: that of usual chunks.
+const SPARE_MAX: usize = 4 << 20;
 
 /// Selection of messages.
 pub struct Filter<'a> {
@@ -50,6 +52,14 @@ pub struct Entry<'a> {
 #[derive(Debug)]
 pub struct Content(Result<(Vec<u8>, usize), Left>);
 
+impl Content {
+    /// Size in memory, bytes.
+    #[must_use]
+    pub fn size(&self) -> u64 {
+        self.0.as_ref().map_or(0, |(bytes, _)| bytes.capacity() as u64)
+    }
+}
+
 /// Why a piece has no content.
 #[derive(Debug)]
 enum Left {
@@ -65,11 +75,12 @@ pub struct Loader {
 }
 
 impl Loader {
-    /// Reads a piece and unpacks it.
+    /// Reads a piece and unpacks it. `space` is memory that the content may take, such as an earlier content's; what is
+    /// in it is lost.
     ///
     /// # Errors
     /// Reading failed.
-    pub fn load(&mut self, inner: &mut (impl Read + Seek), piece: &Piece) -> io::Result<Content> {
+    pub fn load(&mut self, inner: &mut (impl Read + Seek), piece: &Piece, mut space: Vec<u8>) -> io::Result<Content> {
         if piece.length > super::RECORD_MAX + HEAD {
             return Ok(Content(Err(Left::Damaged)));
         }
@@ -87,7 +98,6 @@ impl Loader {
         if !head.is_known() {
             return Ok(Content(Err(Left::Sealed)));
         }
-        let mut space = Vec::new();
         if self.unpacker.unpack(&head, content, &mut space).is_none() {
             return Ok(Content(Err(Left::Damaged)));
         }
@@ -101,11 +111,12 @@ impl Loader {
 
 /// Pieces that somebody else loads, such as threads, in the order of [`Messages::pending`].
 pub trait Ahead: Send {
-    /// Waits for the next piece: the place of its file in the list, and its own in the index.
+    /// Waits for the next piece: the place of its file in the list, and its own in the index. Takes memory of an
+    /// earlier one back.
     ///
     /// # Errors
     /// Reading failed.
-    fn next(&mut self, file: usize, piece: usize) -> io::Result<Content>;
+    fn next(&mut self, file: usize, piece: usize, space: Vec<u8>) -> io::Result<Content>;
 }
 
 /// Messages of files by log time, then by sequence number, then by position.
@@ -258,9 +269,12 @@ impl<R: Read + Seek> Messages<R> {
         let index = file.index.clone();
         let piece = &index.pieces[p];
         self.read += piece.length;
+        let space = self.free.last().and_then(|place| self.open.get_mut(*place));
+        let space = space.map(|open| std::mem::take(&mut open.bytes)).filter(|space| space.capacity() <= SPARE_MAX);
+        let space = space.unwrap_or_default();
         let content = match &mut self.ahead {
-            Some(ahead) => ahead.next(f, p)?,
-            None => self.loader.load(&mut file.inner, piece)?,
+            Some(ahead) => ahead.next(f, p, space)?,
+            None => self.loader.load(&mut file.inner, piece, space)?,
         };
         let (bytes, records) = match content.0 {
             Ok(content) => content,
