@@ -1,7 +1,7 @@
 //! `advee log …`: logs of runs, as files.
 
+mod ahead;
 mod cat;
-mod cells;
 mod csv;
 mod decode;
 mod diff;

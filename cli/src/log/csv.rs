@@ -1,6 +1,5 @@
 //! A table for each channel.
 
-use super::cells::{Shape, Sink};
 use super::decode::Decoder;
 use super::feed::{Batch, Fed, Feed};
 use super::select::Selection;
@@ -8,17 +7,28 @@ use super::source::{Item, Log};
 use crate::lcm::types::TypesArg;
 use crate::progress::Interruptible;
 use crate::{Failed, complain};
+use base::Arrange;
+use lcm_gen::dynamic::Columns;
+use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::thread;
 use std::time::Duration;
 
 /// A wider table opens nowhere.
 const COLUMNS_MAX: usize = 100_000;
 /// Maximum number of open files; with more channels each write opens its own.
 const OPEN_MAX: usize = 500;
+/// Maximum number of threads that write tables.
+const THREADS_MAX: usize = 8;
+/// Size of the messages that they write at a time, bytes: while the log is read, and of those in memory.
+const GROUP: usize = 4 << 20;
+const GROUP_KEPT: usize = 16 << 20;
+/// Costs of a row that does not depend on its columns, in cells.
+const ROW: u64 = 4;
 /// Size of a table's write buffer, bytes.
 const BUFFER: usize = 1 << 18;
 /// Maximum size of a selection that stays in memory between the two passes, bytes; a larger one is read twice.
@@ -30,14 +40,21 @@ const CUT: &str = "tables are missing or cut";
 /// A table.
 #[derive(Default)]
 struct Table {
-    shape: Shape,
+    columns: Columns,
+    /// True if messages of the type may have further columns.
+    grows: bool,
     path: Option<PathBuf>,
     file: Option<File>,
     buffer: Vec<u8>,
+    /// All messages in the first pass, rows in the second.
     rows: u64,
     undecoded: u64,
     /// Messages of the channel's other types.
     others: u64,
+    /// Elements of arrays beyond the columns.
+    left_out: u64,
+    /// Size of the rows' messages, bytes.
+    bytes: u64,
     /// The type; the first message's.
     ty: String,
 }
@@ -99,19 +116,19 @@ impl Export<'_> {
         }
         name(&mut tables, self.folder);
         for (channel, table) in &mut tables {
-            let columns = table.shape.columns();
+            let columns = table.columns.count();
             if columns > COLUMNS_MAX {
                 return Err(format!("{channel}: {columns} columns; --elements N limits those of an array").into());
             }
             let mut names = String::from("log_time");
-            table.shape.names("", &mut names);
+            table.columns.names(&mut names);
             table.buffer.extend_from_slice(names.as_bytes());
             table.buffer.push(b'\n');
             if let Some(path) = &table.path {
                 File::create(path).map_err(|error| named(path, error))?;
             }
         }
-        self.write(&mut tables, kept)
+        self.write(tables, kept)
     }
 
     /// Goes through what has arrays, and the first message of all else. Returns the messages too, unless they are too
@@ -119,13 +136,13 @@ impl Export<'_> {
     fn measure(&self) -> Result<(BTreeMap<String, Table>, Option<Kept>), Failed> {
         let mut tables: BTreeMap<String, Table> = BTreeMap::new();
         let mut decoder = Decoder::new(self.types)?;
-        let mut sink = Sink { grow: true, elements_max: self.elements_max, ..Sink::default() };
-        let mut take = |item: &Item<'_>| -> Result<(), Failed> {
+        let mut take = |item: &Item<'_>| {
             let table = match tables.get_mut(item.channel) {
                 Some(table) => table,
                 None => tables.entry(item.channel.into()).or_default(),
             };
-            if table.ty.is_empty() || table.shape.may_grow() {
+            table.rows += 1;
+            if table.ty.is_empty() || table.grows {
                 match decoder.decode(item) {
                     Ok(message) => {
                         let ty = message.ty().name();
@@ -133,17 +150,17 @@ impl Export<'_> {
                             table.ty = ty.into();
                         }
                         if table.ty == ty {
-                            table.shape.take(&message, &mut sink).map_err(|error| Failed::from(error.to_string()))?;
+                            table.columns.measure(&message, self.elements_max);
+                            table.grows = table.columns.may_grow();
                         }
                     }
                     Err(_) => table.undecoded += 1,
                 }
             }
-            Ok(())
         };
         let mut kept = Some(Kept::default());
         let left_out = self.read("measuring", |batch| {
-            batch.items().try_for_each(|item| take(&item))?;
+            batch.items().for_each(|item| take(&item));
             kept = kept.take().and_then(|kept| kept.with(batch, self.kept_max));
             Ok(())
         })?;
@@ -160,61 +177,51 @@ impl Export<'_> {
         Ok((tables, kept))
     }
 
-    fn write(&self, tables: &mut BTreeMap<String, Table>, kept: Option<Kept>) -> Result<Written, Failed> {
-        let mut decoder = Decoder::new(self.types)?;
-        let mut sink = Sink { elements_max: self.elements_max, ..Sink::default() };
+    fn write(&self, tables: BTreeMap<String, Table>, kept: Option<Kept>) -> Result<Written, Failed> {
         let keep_open = tables.len() <= OPEN_MAX;
-        let (mut messages, mut bytes) = (0, 0);
-        let mut take = |item: &Item<'_>| -> Result<(), Failed> {
-            let Some(table) = tables.get_mut(item.channel) else { return Ok(()) };
-            let message = match decoder.decode(item) {
-                Ok(message) if message.ty().name() == table.ty => message,
-                Ok(_) => {
-                    table.others += 1;
-                    return Ok(());
-                }
-                Err(_) => {
-                    table.undecoded += 1;
-                    return Ok(());
-                }
-            };
-            std::mem::swap(&mut sink.out, &mut table.buffer);
-            let written = write!(sink.out, "{}", item.log_time);
-            let taken = table.shape.take(&message, &mut sink);
-            std::mem::swap(&mut sink.out, &mut table.buffer);
-            written.map_err(|error| Failed::from(error.to_string()))?;
-            taken.map_err(|error| Failed::from(error.to_string()))?;
-            table.buffer.push(b'\n');
-            (table.rows, messages, bytes) = (table.rows + 1, messages + 1, bytes + item.data.len() as u64);
-            if table.buffer.len() >= BUFFER { table.flush(keep_open) } else { Ok(()) }
-        };
+        let mut writers = Writer::share(tables, &Decoder::new(self.types)?, keep_open);
         match kept {
             Some(Kept { batches, .. }) => {
                 let mut progress = Interruptible::new("writing", CUT)?;
-                let all = batches.len() as u64;
-                for (done, batch) in (0..).zip(batches) {
-                    batch.items().try_for_each(|item| take(&item))?;
+                let (mut done, all) = (0, batches.len() as u64);
+                let mut batches = batches.into_iter();
+                loop {
+                    let group = Group::of(&mut batches, GROUP_KEPT);
+                    if group.0.is_empty() {
+                        break;
+                    }
+                    done += group.0.len() as u64;
+                    group.write(&mut writers)?;
                     progress.tell(done, all)?;
                 }
             }
-            // What is left out is known from the first pass.
-            None => drop(self.read("writing", |batch| batch.items().try_for_each(|item| take(&item)))?),
+            None => {
+                let mut group = Group::default();
+                // What is left out is known from the first pass.
+                self.read("writing", |batch| {
+                    group.0.push(batch);
+                    if group.is_full(GROUP) { std::mem::take(&mut group).write(&mut writers) } else { Ok(()) }
+                })?;
+                group.write(&mut writers)?;
+            }
         }
+        let mut tables: BTreeMap<String, Table> = BTreeMap::new();
+        writers.into_iter().for_each(|writer| tables.extend(writer.tables));
         tables.values_mut().try_for_each(|table| table.flush(keep_open))?;
-        for (channel, table) in &*tables {
+        for (channel, table) in &tables {
             for (count, what) in [(table.undecoded, "cannot be decoded"), (table.others, "are of another type")] {
                 if count > 0 {
                     complain(&format!("{}: {count} messages {what}; left out", channel.escape_debug()));
                 }
             }
         }
-        if sink.left_out > 0 {
+        let left_out: u64 = tables.values().map(|table| table.left_out).sum();
+        if left_out > 0 {
             let max = self.elements_max;
-            complain(&format!(
-                "{} elements beyond {max} of an array were left out; --elements says how many",
-                sink.left_out
-            ));
+            complain(&format!("{left_out} elements beyond {max} of an array were left out; --elements says how many"));
         }
+        let messages = tables.values().map(|table| table.rows).sum();
+        let bytes = tables.values().map(|table| table.bytes).sum();
         let tables = tables.values().filter_map(|table| Some((table.path.clone()?, table.rows))).collect();
         Ok(Written { tables, messages, bytes })
     }
@@ -225,8 +232,8 @@ impl Export<'_> {
         what: &'static str,
         mut take: impl FnMut(Batch) -> Result<(), Failed>,
     ) -> Result<Option<String>, Failed> {
-        let feed = Feed::start(&self.log, &self.selection)?;
         let mut progress = Interruptible::new(what, CUT)?;
+        let feed = Feed::start(&self.log, &self.selection)?;
         loop {
             match feed.next(Duration::from_secs(1))? {
                 Fed::Batch(batch) => {
@@ -238,6 +245,123 @@ impl Export<'_> {
                 Fed::End => return Ok(feed.left_out()),
             }
         }
+    }
+}
+
+/// Messages that are written together.
+#[derive(Default)]
+struct Group(Vec<Batch>);
+
+impl Group {
+    /// The next batches, until there are `size` bytes.
+    fn of(batches: &mut impl Iterator<Item = Batch>, size: usize) -> Self {
+        let mut group = Self::default();
+        while !group.is_full(size)
+            && let Some(batch) = batches.next()
+        {
+            group.0.push(batch);
+        }
+        group
+    }
+
+    fn is_full(&self, size: usize) -> bool {
+        self.0.iter().map(Batch::size).sum::<usize>() >= size
+    }
+
+    /// Has all writers write their messages, at the same time.
+    fn write(self, writers: &mut [Writer]) -> Result<(), Failed> {
+        let write = |writer: &mut Writer| {
+            self.0.iter().flat_map(Batch::numbered).try_for_each(|(number, item)| writer.take(number, &item))
+        };
+        let Some((here, others)) = writers.split_first_mut() else { return Ok(()) };
+        thread::scope(|scope| {
+            let others: Vec<_> = others.iter_mut().map(|writer| scope.spawn(move || write(writer))).collect();
+            let written = write(here);
+            let ended = others
+                .into_iter()
+                .map(|thread| thread.join().unwrap_or_else(|_| Err(Failed::from("a thread ended".to_string()))));
+            ended.fold(written, Result::and)
+        })
+    }
+}
+
+/// Writes some of the tables.
+struct Writer {
+    /// By channel, in order.
+    tables: Vec<(String, Table)>,
+    /// By number of the messages.
+    places: Vec<Place>,
+    decoder: Decoder,
+    keep_open: bool,
+}
+
+/// Where messages are written.
+#[derive(Clone, Copy)]
+enum Place {
+    Unknown,
+    /// By another writer, or nowhere.
+    Elsewhere,
+    /// To this table.
+    Here(usize),
+}
+
+impl Writer {
+    /// A writer for each processor, with about the same number of cells.
+    fn share(tables: BTreeMap<String, Table>, decoder: &Decoder, keep_open: bool) -> Vec<Self> {
+        let count = thread::available_parallelism().map_or(1, usize::from).min(THREADS_MAX).min(tables.len());
+        let mut shares: Vec<(u64, Self)> = (0..count.max(1))
+            .map(|_| (0, Self { tables: Vec::new(), places: Vec::new(), decoder: decoder.another(), keep_open }))
+            .collect();
+        let cost = |mut table: Table| {
+            let rows = std::mem::take(&mut table.rows);
+            (rows.saturating_mul(ROW + table.columns.count() as u64), table)
+        };
+        let mut tables: Vec<(String, (u64, Table))> =
+            tables.into_iter().map(|(channel, table)| (channel, cost(table))).collect();
+        tables.arrange_by_key(|(_, (cost, _))| Reverse(*cost));
+        for (channel, (cost, table)) in tables {
+            if let Some((sum, writer)) = shares.iter_mut().min_by_key(|(sum, _)| *sum) {
+                *sum = sum.saturating_add(cost);
+                writer.tables.push((channel, table));
+            }
+        }
+        shares.iter_mut().for_each(|(_, writer)| writer.tables.arrange_by(|(a, _), (b, _)| a.cmp(b)));
+        shares.into_iter().map(|(_, writer)| writer).collect()
+    }
+
+    /// Table of the messages with this number.
+    fn place(&mut self, number: usize, channel: &str) -> Place {
+        if number >= self.places.len() {
+            self.places.resize(number + 1, Place::Unknown);
+        }
+        let place = &mut self.places[number];
+        if let Place::Unknown = place {
+            let found = self.tables.binary_search_by(|(name, _)| name.as_str().cmp(channel));
+            *place = found.map_or(Place::Elsewhere, Place::Here);
+        }
+        *place
+    }
+
+    fn take(&mut self, number: usize, item: &Item<'_>) -> Result<(), Failed> {
+        let Place::Here(at) = self.place(number, item.channel) else { return Ok(()) };
+        let (_, table) = &mut self.tables[at];
+        let message = match self.decoder.decode(item) {
+            Ok(message) if message.ty().name() == table.ty => message,
+            Ok(_) => {
+                table.others += 1;
+                return Ok(());
+            }
+            Err(_) => {
+                table.undecoded += 1;
+                return Ok(());
+            }
+        };
+        write!(table.buffer, "{}", item.log_time).map_err(|error| Failed::from(error.to_string()))?;
+        table.left_out += table.columns.write(&message, &mut table.buffer);
+        table.buffer.push(b'\n');
+        table.rows += 1;
+        table.bytes += item.data.len() as u64;
+        if table.buffer.len() >= BUFFER { table.flush(self.keep_open) } else { Ok(()) }
     }
 }
 

@@ -38,6 +38,15 @@ struct About {
     schema: Option<Schema>,
     metadata: BTreeMap<String, String>,
     key: (usize, u16),
+    /// Place among all of the feed, in order of their first messages.
+    number: usize,
+}
+
+/// What a feed's messages have shared so far.
+#[derive(Default)]
+struct Known {
+    by_channel: BTreeMap<String, Vec<Arc<About>>>,
+    count: usize,
 }
 
 impl Batch {
@@ -48,6 +57,11 @@ impl Batch {
     /// All messages, in order.
     pub fn items(&self) -> impl Iterator<Item = Item<'_>> {
         (0..self.len()).filter_map(|place| self.get(place))
+    }
+
+    /// All messages, in order; those of one channel and encoding of a file have the same number, counted from 0.
+    pub fn numbered(&self) -> impl Iterator<Item = (usize, Item<'_>)> {
+        self.items().zip(&self.heads).map(|(item, head)| (head.about.number, item))
     }
 
     /// Size in memory, bytes.
@@ -113,11 +127,11 @@ pub enum Fed {
 
 impl Feed {
     pub fn start(log: &Arc<Log>, selection: &Selection) -> Result<Self, Failed> {
-        let mut items = log.items(selection)?;
+        let mut items = log.items_ahead(selection)?;
         let shared = Arc::new(Shared::default());
         let theirs = shared.clone();
         let read = move || {
-            let mut known: BTreeMap<String, Vec<Arc<About>>> = BTreeMap::new();
+            let mut known = Known::default();
             loop {
                 let batch = fill(&mut items, &mut known);
                 let mut queue = theirs.lock();
@@ -183,8 +197,8 @@ impl Drop for Feed {
     }
 }
 
-fn fill(items: &mut super::source::Items, known: &mut BTreeMap<String, Vec<Arc<About>>>) -> Result<Batch, Failed> {
-    let mut batch = Batch::default();
+fn fill(items: &mut super::source::Items, known: &mut Known) -> Result<Batch, Failed> {
+    let mut batch = Batch { heads: Vec::new(), bytes: Vec::with_capacity(BATCH_BYTES + BATCH_BYTES / 8) };
     while batch.bytes.len() < BATCH_BYTES && batch.heads.len() < BATCH_MESSAGES {
         let Some(item) = items.next()? else { break };
         let about = about(&item, known);
@@ -197,9 +211,9 @@ fn fill(items: &mut super::source::Items, known: &mut BTreeMap<String, Vec<Arc<A
     Ok(batch)
 }
 
-fn about(item: &Item<'_>, known: &mut BTreeMap<String, Vec<Arc<About>>>) -> Arc<About> {
+fn about(item: &Item<'_>, known: &mut Known) -> Arc<About> {
     let is = |about: &&Arc<About>| about.key == item.key && about.encoding == item.encoding;
-    if let Some(about) = known.get(item.channel).and_then(|same| same.iter().find(is)) {
+    if let Some(about) = known.by_channel.get(item.channel).and_then(|same| same.iter().find(is)) {
         return about.clone();
     }
     let about = Arc::new(About {
@@ -208,7 +222,9 @@ fn about(item: &Item<'_>, known: &mut BTreeMap<String, Vec<Arc<About>>>) -> Arc<
         schema: item.schema.cloned(),
         metadata: item.metadata.clone(),
         key: item.key,
+        number: known.count,
     });
-    known.entry(item.channel.into()).or_default().push(about.clone());
+    known.count += 1;
+    known.by_channel.entry(item.channel.into()).or_default().push(about.clone());
     about
 }

@@ -5,6 +5,7 @@ use super::source::{Events, Kind, Log, Mcap};
 use crate::lcm::table::{aligned, shown};
 use crate::progress::Progress;
 use crate::{Failed, Outcome, counted, print};
+use base::Arrange;
 use logger::read::{Damage, Index};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -131,7 +132,7 @@ fn marks(files: &[Mcap]) -> Vec<(u64, String)> {
             (get("time").parse().unwrap_or_default(), get("text"))
         })
         .collect();
-    marks.sort();
+    marks.arrange();
     marks
 }
 

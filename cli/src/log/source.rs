@@ -1,8 +1,10 @@
 //! A log of any kind: a run's folder, an MCAP file, an official LCM event log.
 
+use super::ahead::Threads;
 use super::select::Selection;
 use crate::Failed;
 use crate::progress::Progress;
+use base::Arrange;
 use lcm::eventlog;
 use logger::read::{Channel, Filter, Index, MAGIC, Messages, Schema, Skipped};
 use std::collections::BTreeMap;
@@ -135,6 +137,17 @@ impl Log {
         channels
     }
 
+    /// As [`Log::items`], with threads that read ahead.
+    pub fn items_ahead(&self, selection: &Selection) -> Result<Items, Failed> {
+        let mut items = self.items(selection)?;
+        if let (Inner::Mcap(messages), Kind::Mcap(files)) = (&mut items.kind, &self.kind)
+            && let Some(threads) = Threads::start(files, &messages.pending())?
+        {
+            messages.set_ahead(Box::new(threads));
+        }
+        Ok(items)
+    }
+
     /// The messages of a selection, in order.
     pub fn items(&self, selection: &Selection) -> Result<Items, Failed> {
         let open = |path: &Path| File::open(path).map_err(|error| failed(path, error));
@@ -172,7 +185,7 @@ pub fn run_files(folder: &Path) -> Result<Vec<PathBuf>, Failed> {
     if files.is_empty() {
         return Err(failed(folder, "no log there: log_000.mcap and so on are missing"));
     }
-    files.sort();
+    files.arrange();
     Ok(files.into_iter().map(|(_, path)| path).collect())
 }
 

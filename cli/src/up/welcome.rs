@@ -2,6 +2,7 @@
 //! where standard error is no terminal: there it is a log, and codes belong into none.
 
 use crate::qr;
+use base::Arrange;
 use host::log::Log;
 use host::runs;
 use std::fs;
@@ -80,7 +81,7 @@ fn newest(logs: &Path, since: SystemTime) -> Option<PathBuf> {
         files.filter_map(|file| fs::metadata(file).ok()?.modified().ok()).max().filter(|at| *at >= since)
     };
     let mut found: Vec<_> = runs.filter(|run| run.is_dir()).filter_map(|run| Some((written(&run)?, run))).collect();
-    found.sort();
+    found.arrange();
     found.pop().map(|(_, run)| run)
 }
 

@@ -27,6 +27,7 @@
 
 extern crate alloc;
 
+mod arrange;
 pub mod can;
 mod deadlines;
 pub mod gamepad;
@@ -42,6 +43,7 @@ pub mod thermal;
 mod time;
 pub mod w1;
 
+pub use arrange::Arrange;
 pub use deadlines::{Deadlines, Key, earliest};
 pub use queue::Queue;
 pub use report::{Fault, Kind, Level, Location, Report, Severity};

@@ -2,7 +2,8 @@
 //!
 //! A message identifies its type by its fingerprint. [`Types::decode`] validates the bytes, as strictly and with the
 //! same bounds as generated code, and returns a [`Message`]: a view that can be read without further errors, as a
-//! [`Value`] or, with the feature `serde`, directly into any format. [`Type::encode`] is the inverse.
+//! [`Value`] or, with the feature `serde`, directly into any format; with the feature `cells` as a row of a table.
+//! [`Type::encode`] is the inverse.
 //!
 //! ```
 //! use lcm_gen::{Schema, dynamic::{Missing, Types, Value}};
@@ -24,6 +25,8 @@
 //! Members are those of generated code: a length member that is the outermost dimension of an array is only the array's
 //! length, so it is left out.
 
+#[cfg(feature = "cells")]
+mod cells;
 mod check;
 pub(crate) mod cursor;
 mod encode;
@@ -38,6 +41,8 @@ use lcm::codec::Reader;
 use std::collections::BTreeMap;
 use table::{Struct, table};
 
+#[cfg(feature = "cells")]
+pub use cells::Columns;
 pub use encode::Missing;
 pub use error::{EncodeError, Why};
 pub use lcm::codec::{DecodeError, MAX_DEPTH, MAX_EMPTY};

@@ -12,11 +12,12 @@ mod index;
 mod merge;
 mod scan;
 mod summary;
+mod zstd;
 
 pub(crate) use chunk::{Head, Records};
 pub(crate) use index::Builder;
 pub use index::{Damage, Index, Piece};
-pub use merge::{Entry, Filter, Messages, Skipped};
+pub use merge::{Ahead, Content, Entry, Filter, Loader, Messages, Skipped};
 pub(crate) use scan::{Found, Scanner};
 
 use std::collections::BTreeMap;

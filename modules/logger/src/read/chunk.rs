@@ -1,8 +1,9 @@
 //! Content of a chunk.
 
 use super::fields::{self, Fields};
-use super::{HEAD, Message, RECORD_MAX, op};
-use std::io::{self, Read};
+use super::{HEAD, Message, RECORD_MAX, op, zstd};
+use lz4_flex::frame::FrameDecoder as Lz4;
+use std::io::Read;
 
 /// Bytes of a chunk's content before its records, without the name of the compression.
 const FIXED: u64 = 8 + 8 + 8 + 4 + 4 + 8;
@@ -10,6 +11,9 @@ const FIXED: u64 = 8 + 8 + 8 + 4 + 4 + 8;
 const COMPRESSION_MAX: u64 = 16;
 /// Maximum size of a chunk's head, bytes.
 pub const HEAD_MAX: usize = (FIXED + COMPRESSION_MAX) as usize;
+
+/// Up to this ratio of the sizes the memory for a chunk is reserved at once.
+const USUAL_RATIO: usize = 16;
 
 /// Head of a chunk.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -50,36 +54,41 @@ impl Head {
     }
 }
 
-/// Unpacks the records of a chunk, into `space` if they are compressed; `None` if it is damaged.
-pub fn unpack<'a>(head: &Head, content: &'a [u8], space: &'a mut Vec<u8>) -> Option<&'a [u8]> {
-    let packed = content.get(head.len..)?;
-    let size = usize::try_from(head.size).ok()?;
-    let records = match head.compression.as_str() {
-        "" => packed,
-        "zstd" => {
-            space.clear();
-            let mut rest = packed;
-            while !rest.is_empty() {
-                expand(ruzstd::decoding::StreamingDecoder::new(&mut rest).ok()?, size, space)?;
-            }
-            space
-        }
-        "lz4" => {
-            space.clear();
-            expand(lz4_flex::frame::FrameDecoder::new(packed), size, space)?;
-            space
-        }
-        _ => return None,
-    };
-    let holds = records.len() == size && (head.crc == 0 || crc32fast::hash(records) == head.crc);
-    holds.then_some(records)
+/// Unpacks chunks, and keeps its memory for the next one.
+#[derive(Default)]
+pub struct Unpacker {
+    zstd: zstd::Decoder,
 }
 
-/// At most `size` bytes in all, whatever the compressed data announces; memory grows with the bytes actually produced.
-fn expand(decoder: impl Read, size: usize, space: &mut Vec<u8>) -> Option<()> {
-    let room = (size + 1).checked_sub(space.len())?;
-    let expanded: io::Result<usize> = decoder.take(room as u64).read_to_end(space);
-    (expanded.is_ok() && space.len() <= size).then_some(())
+impl Unpacker {
+    /// Unpacks the records of a chunk, into `space` if they are compressed; `None` if it is damaged.
+    pub fn unpack<'a>(&mut self, head: &Head, content: &'a [u8], space: &'a mut Vec<u8>) -> Option<&'a [u8]> {
+        let packed = content.get(head.len..)?;
+        let size = usize::try_from(head.size).ok()?;
+        let records = match head.compression.as_str() {
+            "" => packed,
+            "zstd" => {
+                prepare(space, packed, size);
+                self.zstd.expand(packed, size, space)?;
+                space
+            }
+            "lz4" => {
+                prepare(space, packed, size);
+                let room = size as u64 + 1;
+                Lz4::new(packed).take(room).read_to_end(space).ok()?;
+                space
+            }
+            _ => return None,
+        };
+        let holds = records.len() == size && (head.crc == 0 || crc32fast::hash(records) == head.crc);
+        holds.then_some(records)
+    }
+}
+
+/// Empties the space, and reserves what a chunk may need; more only as its bytes are produced.
+fn prepare(space: &mut Vec<u8>, packed: &[u8], size: usize) {
+    space.clear();
+    space.reserve(size.min(packed.len().saturating_mul(USUAL_RATIO)) + zstd::SLACK);
 }
 
 /// Record in a chunk.

@@ -1,6 +1,6 @@
 //! Messages of several files in one order.
 
-use super::chunk::{self, Head, Records};
+use super::chunk::{self, Head, Records, Unpacker};
 use super::{Channel, HEAD, Index, Message, Piece, Schema, fields, op};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -9,8 +9,8 @@ use std::sync::Arc;
 
 /// Maximum size of overlapping chunks held in memory, bytes; beyond it the order is given up.
 const HELD_BYTES_MAX: u64 = 512 << 20;
-/// Maximum number of buffers kept for the next chunks.
-const SPARE_BUFFERS_MAX: usize = 4;
+/// Maximum size of memory kept for the next piece, bytes: that of usual chunks.
+const SPARE_MAX: usize = 4 << 20;
 
 /// Selection of messages.
 pub struct Filter<'a> {
@@ -48,6 +48,77 @@ pub struct Entry<'a> {
     pub message: Message<'a>,
 }
 
+/// Content of a piece, ready for [`Messages`].
+#[derive(Debug)]
+pub struct Content(Result<(Vec<u8>, usize), Left>);
+
+impl Content {
+    /// Size in memory, bytes.
+    #[must_use]
+    pub fn size(&self) -> u64 {
+        self.0.as_ref().map_or(0, |(bytes, _)| bytes.capacity() as u64)
+    }
+}
+
+/// Why a piece has no content.
+#[derive(Debug)]
+enum Left {
+    Damaged,
+    Sealed,
+}
+
+/// Reads and unpacks pieces; keeps its memory for the next one.
+#[derive(Default)]
+pub struct Loader {
+    unpacker: Unpacker,
+    spare: Vec<u8>,
+}
+
+impl Loader {
+    /// Reads a piece and unpacks it. `space` is memory that the content may take, such as an earlier content's; what is
+    /// in it is lost.
+    ///
+    /// # Errors
+    /// Reading failed.
+    pub fn load(&mut self, inner: &mut (impl Read + Seek), piece: &Piece, mut space: Vec<u8>) -> io::Result<Content> {
+        if piece.length > super::RECORD_MAX + HEAD {
+            return Ok(Content(Err(Left::Damaged)));
+        }
+        let mut bytes = std::mem::take(&mut self.spare);
+        bytes.clear();
+        inner.seek(SeekFrom::Start(piece.offset))?;
+        bytes.reserve(piece.length as usize);
+        inner.take(piece.length).read_to_end(&mut bytes)?;
+        if piece.bare {
+            return Ok(Content(Ok((bytes, 0))));
+        }
+        let content = bytes.get(HEAD as usize..).filter(|content| bytes[0] == op::CHUNK && !content.is_empty());
+        let head = content.and_then(|content| Head::of(content, content.len() as u64));
+        let Some((content, head)) = content.zip(head) else { return Ok(Content(Err(Left::Damaged))) };
+        if !head.is_known() {
+            return Ok(Content(Err(Left::Sealed)));
+        }
+        if self.unpacker.unpack(&head, content, &mut space).is_none() {
+            return Ok(Content(Err(Left::Damaged)));
+        }
+        if head.compression.is_empty() {
+            return Ok(Content(Ok((bytes, HEAD as usize + head.len))));
+        }
+        self.spare = bytes;
+        Ok(Content(Ok((space, 0))))
+    }
+}
+
+/// Pieces that somebody else loads, such as threads, in the order of [`Messages::pending`].
+pub trait Ahead: Send {
+    /// Waits for the next piece: the place of its file in the list, and its own in the index. Takes memory of an
+    /// earlier one back.
+    ///
+    /// # Errors
+    /// Reading failed.
+    fn next(&mut self, file: usize, piece: usize, space: Vec<u8>) -> io::Result<Content>;
+}
+
 /// Messages of files by log time, then by sequence number, then by position.
 pub struct Messages<R> {
     files: Vec<File<R>>,
@@ -57,7 +128,8 @@ pub struct Messages<R> {
     /// Next message of each open piece: log time, sequence number, age of the piece, its index.
     heap: BinaryHeap<Reverse<(u64, u32, u64, usize)>>,
     free: Vec<usize>,
-    spare: Vec<Vec<u8>>,
+    loader: Loader,
+    ahead: Option<Box<dyn Ahead>>,
     from: u64,
     to: u64,
     held: u64,
@@ -116,7 +188,8 @@ impl<R: Read + Seek> Messages<R> {
             open: Vec::new(),
             heap: BinaryHeap::new(),
             free: Vec::new(),
-            spare: Vec::new(),
+            loader: Loader::default(),
+            ahead: None,
             from: filter.from,
             to: filter.to,
             held: 0,
@@ -167,6 +240,17 @@ impl<R: Read + Seek> Messages<R> {
         }))
     }
 
+    /// Pieces to be loaded, in order: the place of the file in the list, and the piece's in the index.
+    #[must_use]
+    pub fn pending(&self) -> Vec<(usize, usize)> {
+        self.pending.iter().rev().map(|&(_, f, p)| (f, p)).collect()
+    }
+
+    /// Takes all further pieces from there; the files themselves are not read any more.
+    pub fn set_ahead(&mut self, ahead: Box<dyn Ahead>) {
+        self.ahead = Some(ahead);
+    }
+
     /// Messages and chunks left out so far.
     #[must_use]
     pub fn skipped(&self) -> Skipped {
@@ -184,27 +268,30 @@ impl<R: Read + Seek> Messages<R> {
         let file = &mut self.files[f];
         let index = file.index.clone();
         let piece = &index.pieces[p];
-        let mut bytes = self.spare.pop().unwrap_or_default();
-        bytes.clear();
         self.read += piece.length;
-        if piece.length > super::RECORD_MAX + HEAD {
-            self.skipped.damaged += 1;
-            return Ok(());
-        }
-        file.inner.seek(SeekFrom::Start(piece.offset))?;
-        bytes.reserve(piece.length as usize);
-        Read::by_ref(&mut file.inner).take(piece.length).read_to_end(&mut bytes)?;
-        let Some((bytes, records)) = unpack(piece, bytes, &mut self.skipped) else { return Ok(()) };
+        let space = self.free.last().and_then(|place| self.open.get_mut(*place));
+        let space = space.map(|open| std::mem::take(&mut open.bytes)).filter(|space| space.capacity() <= SPARE_MAX);
+        let space = space.unwrap_or_default();
+        let content = match &mut self.ahead {
+            Some(ahead) => ahead.next(f, p, space)?,
+            None => self.loader.load(&mut file.inner, piece, space)?,
+        };
+        let (bytes, records) = match content.0 {
+            Ok(content) => content,
+            Err(left) => {
+                match left {
+                    Left::Damaged => self.skipped.damaged += 1,
+                    Left::Sealed => self.skipped.sealed += 1,
+                }
+                return Ok(());
+            }
+        };
         let place = self.free.pop().unwrap_or_else(|| {
             self.open.push(Open::default());
             self.open.len() - 1
         });
         let open = &mut self.open[place];
-        let old = std::mem::replace(&mut open.bytes, bytes);
-        if self.spare.len() < SPARE_BUFFERS_MAX {
-            self.spare.push(old);
-        }
-        (open.file, open.age, open.records) = (f, self.opened, records);
+        (open.bytes, open.file, open.age, open.records) = (bytes, f, self.opened, records);
         self.opened += 1;
         open.entries.clear();
         let mut sorted = true;
@@ -238,31 +325,5 @@ impl<R: Read + Seek> Messages<R> {
             None => self.free.push(place),
         }
         Ok(())
-    }
-}
-
-/// Bytes with the records of a piece, and the offset of the records in them.
-fn unpack(piece: &Piece, bytes: Vec<u8>, skipped: &mut Skipped) -> Option<(Vec<u8>, usize)> {
-    if piece.bare {
-        return Some((bytes, 0));
-    }
-    let content = bytes.get(HEAD as usize..).filter(|content| bytes[0] == op::CHUNK && !content.is_empty());
-    let head = content.and_then(|content| Head::of(content, content.len() as u64));
-    let Some((content, head)) = content.zip(head) else {
-        skipped.damaged += 1;
-        return None;
-    };
-    if !head.is_known() {
-        skipped.sealed += 1;
-        return None;
-    }
-    let mut space = Vec::new();
-    match chunk::unpack(&head, content, &mut space) {
-        None => {
-            skipped.damaged += 1;
-            None
-        }
-        Some(_) if head.compression.is_empty() => Some((bytes, HEAD as usize + head.len)),
-        Some(_) => Some((space, 0)),
     }
 }

@@ -3,7 +3,7 @@
 //! A chunk is accepted if its checksum is right, any other record if its lengths are plausible and a record may follow
 //! it. Otherwise the next chunk is searched by the lengths in its head, which must be consistent.
 
-use super::chunk::{self, HEAD_MAX, Head, Records};
+use super::chunk::{HEAD_MAX, Head, Records, Unpacker};
 use super::fields::{self, Fields};
 use super::{Attachment, HEAD, MAGIC, RECORD_MAX, op};
 use std::io::{self, Read, Seek, SeekFrom};
@@ -51,6 +51,7 @@ pub struct Scanner<R> {
     window: Vec<u8>,
     base: u64,
     space: Vec<u8>,
+    unpacker: Unpacker,
     /// Bytes spent on invalid chunks.
     wasted: u64,
     size: u64,
@@ -60,7 +61,8 @@ impl<R: Read + Seek> Scanner<R> {
     /// Creates a scanner over a whole file.
     pub fn new(mut inner: R) -> io::Result<Self> {
         let size = inner.seek(SeekFrom::End(0))?;
-        Ok(Self { inner, at: 0, end: size, window: Vec::new(), base: 0, space: Vec::new(), wasted: 0, size })
+        let (window, space, unpacker) = (Vec::new(), Vec::new(), Unpacker::default());
+        Ok(Self { inner, at: 0, end: size, window, base: 0, space, unpacker, wasted: 0, size })
     }
 
     /// Size of the file, bytes.
@@ -190,7 +192,8 @@ impl<R: Read + Seek> Scanner<R> {
         }
         self.fill(offset + HEAD, len)?;
         let from = (offset + HEAD - self.base) as usize;
-        let records = chunk::unpack(&head, &self.window[from..from + len as usize], &mut self.space);
+        let content = &self.window[from..from + len as usize];
+        let records = self.unpacker.unpack(&head, content, &mut self.space);
         if records.is_some_and(|records| Records::new(records).all(|record| record.is_some())) {
             self.at = after;
             return Ok(Step::Chunk { offset, len, head });
