@@ -12,7 +12,6 @@ mod index;
 mod merge;
 mod scan;
 mod summary;
-mod zstd;
 
 pub(crate) use chunk::{Head, Records};
 pub(crate) use index::Builder;

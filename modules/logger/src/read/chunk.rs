@@ -1,8 +1,9 @@
 //! Content of a chunk.
 
 use super::fields::{self, Fields};
-use super::{HEAD, Message, RECORD_MAX, op, zstd};
+use super::{HEAD, Message, RECORD_MAX, op};
 use lz4_flex::frame::FrameDecoder as Lz4;
+use ruzstd::decoding::{BlockDecodingStrategy, FrameDecoder};
 use std::io::Read;
 
 /// Bytes of a chunk's content before its records, without the name of the compression.
@@ -57,7 +58,7 @@ impl Head {
 /// Unpacks chunks, and keeps its memory for the next one.
 #[derive(Default)]
 pub struct Unpacker {
-    zstd: zstd::Decoder,
+    zstd: FrameDecoder,
 }
 
 impl Unpacker {
@@ -69,7 +70,10 @@ impl Unpacker {
             "" => packed,
             "zstd" => {
                 prepare(space, packed, size);
-                self.zstd.expand(packed, size, space)?;
+                let mut rest = packed;
+                while !rest.is_empty() {
+                    self.frame(&mut rest, size, space)?;
+                }
                 space
             }
             "lz4" => {
@@ -83,12 +87,25 @@ impl Unpacker {
         let holds = records.len() == size && (head.crc == 0 || crc32fast::hash(records) == head.crc);
         holds.then_some(records)
     }
+
+    /// Appends the content of a zstd frame: at most `size` bytes in all, whatever the compressed data announces.
+    fn frame(&mut self, rest: &mut &[u8], size: usize, space: &mut Vec<u8>) -> Option<()> {
+        self.zstd.reset(&mut *rest).ok()?;
+        while !self.zstd.is_finished() {
+            self.zstd.decode_blocks(&mut *rest, BlockDecodingStrategy::UptoBlocks(1)).ok()?;
+            if self.zstd.can_collect() > size - space.len() {
+                return None;
+            }
+            self.zstd.collect_to_writer(&mut *space).ok()?;
+        }
+        Some(())
+    }
 }
 
 /// Empties the space, and reserves what a chunk may need; more only as its bytes are produced.
 fn prepare(space: &mut Vec<u8>, packed: &[u8], size: usize) {
     space.clear();
-    space.reserve(size.min(packed.len().saturating_mul(USUAL_RATIO)) + zstd::SLACK);
+    space.reserve(size.min(packed.len().saturating_mul(USUAL_RATIO)) + 1);
 }
 
 /// Record in a chunk.
