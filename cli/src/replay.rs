@@ -1,7 +1,7 @@
 //! `advee replay RUN`: makes each module of a run again, tells it what it was told, and compares what it answers.
 
 use super::{Common, Failed, Outcome, print};
-use base::{Arrange, Epoch, Instant, can, store};
+use base::{Epoch, Instant, can, store};
 use host::clock;
 use host::log::TimeOfDay;
 use host::recorder;
@@ -83,7 +83,7 @@ pub(super) fn files(run: &Path, module: Option<&str>) -> Result<Vec<PathBuf>, Fa
     let entries = fs::read_dir(&folder).map_err(refused)?;
     let mut files: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
     files.retain(|path| path.is_file() && module.is_none_or(|module| of_module(path) == module));
-    files.arrange_by_key(|path| (of_module(path).to_string(), name(path).len(), name(path)));
+    files.sort_by_key(|path| (of_module(path).to_string(), name(path).len(), name(path)));
     match files.is_empty() {
         true => Err(format!("{}: no inputs of {}", folder.display(), module.unwrap_or("any module")).into()),
         false => Ok(files),

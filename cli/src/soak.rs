@@ -7,7 +7,7 @@ mod trace;
 pub use attend::Progress;
 
 use super::{Common, Failed, Outcome, print};
-use base::{Arrange, Duration};
+use base::Duration;
 use inputs::Inputs;
 use robot::checks;
 use robot::config::{self, ConfigError, built_in_scenario, scenario};
@@ -324,7 +324,7 @@ impl Robot {
                 return Err(format!("--faults {none}: episode {number} has {} faults, from 0 on", faults.len()));
             }
             faults = only.iter().map(|place| faults[*place].clone()).collect();
-            faults.arrange_by_key(|fault| fault.at);
+            faults.sort_by_key(|fault| fault.at);
         }
         let mut report = Report::new(self.seed);
         let outcomes = progress.run(1, || self.run(number, &faults, trace, progress.stop()));

@@ -17,7 +17,7 @@ use super::processes::{self, Launch, Line, Processes};
 use super::raw::Tap;
 use super::recorder::{Inputs, Recording};
 use super::sys;
-use base::{Arrange, Duration, Fault, Instant, Level, Report, Severity, earliest};
+use base::{Duration, Fault, Instant, Level, Report, Severity, earliest};
 use messages::common::CmdLevel;
 use messages::{Channel, Message, Raw};
 use module::admission::{Admission, Policy, RELEASES, Refusal, SECOND_ROBOT_END, Sender, Way};
@@ -150,7 +150,7 @@ impl Host {
         let believes = channels.iter().any(|channel| RELEASES.contains(channel));
         channels.extend(believes.then_some(Channel::CmDataProcesses));
         let wants_raw_bus = shell.module().wants_raw_bus();
-        channels.arrange_by_key(|channel| channel.name());
+        channels.sort_unstable_by_key(|channel| channel.name());
         channels.dedup();
         let channels: Vec<&str> = match wants_raw_bus {
             true => vec![".*"],

@@ -1,6 +1,5 @@
 //! Folders of runs: their names, their files, and the configuration in their logs.
 
-use base::Arrange;
 use logger::read::Index;
 use logger::run_name;
 use module::State;
@@ -37,7 +36,7 @@ pub fn log_files(run: &Path) -> Vec<PathBuf> {
     };
     let entries = fs::read_dir(run).into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()));
     let mut files: Vec<(u64, PathBuf)> = entries.filter_map(|path| Some((number(&path)?, path))).collect();
-    files.arrange();
+    files.sort();
     files.into_iter().map(|(_, path)| path).collect()
 }
 

@@ -8,7 +8,7 @@ use super::raster::Raster;
 use super::style::{GREY, HEAD, INK, TEXT, TITLE};
 use super::svg::Svg;
 use super::timeline::letter;
-use base::{Arrange, Fault};
+use base::Fault;
 use logger::run_name;
 use navitools::Point;
 
@@ -124,9 +124,9 @@ impl Picture {
     /// Reports with a line in the list, in order of time: the most severe, and of these the first.
     pub(super) fn listed(&self) -> Vec<&ReportGroup> {
         let mut told: Vec<&ReportGroup> = self.texts.iter().collect();
-        told.arrange_by(|a, b| b.severity.cmp(&a.severity).then(a.first.total_cmp(&b.first)));
+        told.sort_by(|a, b| b.severity.cmp(&a.severity).then(a.first.total_cmp(&b.first)));
         told.truncate(REPORTS_MAX);
-        told.arrange_by(|a, b| a.first.total_cmp(&b.first));
+        told.sort_by(|a, b| a.first.total_cmp(&b.first));
         told
     }
 
@@ -136,9 +136,9 @@ impl Picture {
         let mut reasons: Vec<_> = self.reasons().into_iter().enumerate().collect();
         let more = reasons.len().saturating_sub(REASONS_MAX);
         // The longest, in order of their letters.
-        reasons.arrange_by(|(_, (_, a, _)), (_, (_, b, _))| b.total_cmp(a));
+        reasons.sort_by(|(_, (_, a, _)), (_, (_, b, _))| b.total_cmp(a));
         reasons.truncate(REASONS_MAX);
-        reasons.arrange_by_key(|(n, _)| *n);
+        reasons.sort_by_key(|(n, _)| *n);
         let rows = reasons.into_iter().map(|(n, (what, seconds, times))| {
             let often = if times > 1 { format!(", {times} times") } else { String::new() };
             (letter(n), format!("{}{often}", axis::moment(seconds)), what)

@@ -1,7 +1,6 @@
 //! Palette images of at most 256 colours: half the file size, without a visible difference in a picture of lines and
 //! letters.
 
-use base::Arrange;
 use std::collections::HashMap;
 
 /// Maximum number of colours of a palette.
@@ -16,7 +15,7 @@ pub fn palette(pixels: &[u8]) -> (Vec<u8>, Vec<u8>) {
         *counts.entry(run.0).or_default() += run.1;
     }
     let mut colours: Vec<([u8; 3], u32)> = counts.iter().map(|(colour, count)| (*colour, *count)).collect();
-    colours.arrange_by_key(|(colour, count)| (std::cmp::Reverse(*count), *colour));
+    colours.sort_by_key(|(colour, count)| (std::cmp::Reverse(*count), *colour));
     let kept: Vec<[u8; 3]> = colours.iter().take(COLOURS_MAX).map(|(colour, _)| *colour).collect();
     let place: HashMap<[u8; 3], u8> = colours.iter().map(|(colour, _)| (*colour, nearest(&kept, *colour))).collect();
     let mut places = Vec::with_capacity(pixels.len() / 4);

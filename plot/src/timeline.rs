@@ -7,7 +7,6 @@ use super::map::frame;
 use super::page::Sheet;
 use super::series::{Lane, Series, Span};
 use super::style::{self, ESTIMATE, GREY, GRID, HEAD, INK, MARK, PLAN, SMALL, TEXT, TRUTH};
-use base::Arrange;
 use navitools::Point;
 
 /// Heights, units: of a heading, a panel with an axis, a row.
@@ -184,9 +183,9 @@ impl Picture {
     fn shown_modules(&self) -> Vec<(&str, &Lane<i8>)> {
         let mut all: Vec<_> = self.states.iter().map(|(name, lane)| (name.as_str(), lane)).collect();
         if all.len() > MODULES_MAX {
-            all.arrange_by_key(|(_, lane)| std::cmp::Reverse(lane.spans().len()));
+            all.sort_by_key(|(_, lane)| std::cmp::Reverse(lane.spans().len()));
             all.truncate(MODULES_MAX);
-            all.arrange_by_key(|(name, _)| *name);
+            all.sort_by_key(|(name, _)| *name);
         }
         all
     }

@@ -3,8 +3,8 @@
 use crate::config::{ConfigError, Imu, Io, Lidar, ModbusBus, Robot, SerialLine, gpio_bus};
 use crate::place::{GAMEPAD_BUS, HOST_BUS, RobotLocation, W1_BUS};
 use crate::sheets;
+use base::Duration;
 use base::w1::Rom;
-use base::{Arrange, Duration};
 use drivers::auxiliary::ChipKeys;
 use drivers::canbus::{self, PauseStop};
 use drivers::io::{self, SwitchKeys};
@@ -207,7 +207,7 @@ fn can(place: &RobotLocation, robot: &Robot) -> Result<Option<CanConfig>, Config
     let number = robot.motion(&robot.can).and_then(|(number, _)| number);
     let Some(mut bus) = number.and_then(|number| robot.can.get(number)).cloned() else { return Ok(None) };
     sheets::read(place, &mut bus)?;
-    bus.driver.nodes.arrange_by_key(|node| (node.axis == canbus::Axis::Steering, wheel(robot, node.axis)));
+    bus.driver.nodes.sort_by_key(|node| (node.axis == canbus::Axis::Steering, wheel(robot, node.axis)));
     Ok(Some(CanConfig {
         bus: format!("can.{}", bus.name),
         bitrate: bus.driver.bitrate,
@@ -331,7 +331,7 @@ fn board(robot: &Robot, node: &Node) -> BoardConfig {
 /// nobody asks for it.
 fn by_channel<T>(rangers: &[Ranger], board: u8, place: impl Fn(&Ranger) -> T) -> Vec<T> {
     let mut own: Vec<&Ranger> = rangers.iter().filter(|ranger| ranger.board == board).collect();
-    own.arrange_by_key(|ranger| ranger.channel);
+    own.sort_by_key(|ranger| ranger.channel);
     let count = own.last().map_or(0, |last| usize::from(last.channel) + 1);
     let at = |channel| own.iter().rev().find(|ranger| usize::from(ranger.channel) <= channel).or(own.first());
     (0..count).filter_map(|channel| at(channel).map(|ranger| place(ranger))).collect()

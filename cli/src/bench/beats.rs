@@ -4,7 +4,7 @@ use super::histogram::Histogram;
 use super::report::{Report, Row, kernel};
 use crate::bus::interrupt;
 use crate::{Failed, holder};
-use base::{Arrange, Duration, Instant, Ticker};
+use base::{Duration, Instant, Ticker};
 use host::beats::{self, PageReader, Reading};
 use host::clock;
 use nix::poll::{PollFd, PollFlags, ppoll};
@@ -115,7 +115,7 @@ fn open(run_dir: &Path) -> Result<Vec<Watched>, Failed> {
         Some(Watched { module: running.module, pid: running.pid, page, threads: Vec::new(), bad: 0 })
     };
     let mut watched: Vec<Watched> = holder::modules().filter(of_ours).filter_map(open).collect();
-    watched.arrange_by(|one, other| one.module.cmp(&other.module));
+    watched.sort_by(|one, other| one.module.cmp(&other.module));
     if watched.is_empty() { Err(nobody()) } else { Ok(watched) }
 }
 

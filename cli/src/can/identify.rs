@@ -6,7 +6,6 @@
 use super::scan::{Asked, Row};
 use super::target::{Target, Where};
 use crate::{Common, Failed, Outcome, print};
-use base::Arrange;
 use canopen::axis::modes::Mode;
 use canopen::drives::derive::{Derived, Description, Limits, Quirks, Reason, Refusal, VelocityUnit, derive};
 use canopen::drives::{epos, icla};
@@ -100,7 +99,7 @@ fn files(folder: &Path) -> Result<Vec<PathBuf>, Failed> {
         matches!(extension.as_deref(), Some("eds" | "dcf"))
     };
     let mut files: Vec<PathBuf> = list.flatten().map(|entry| entry.path()).filter(is_sheet).collect();
-    files.arrange();
+    files.sort();
     Ok(files)
 }
 

@@ -2,7 +2,7 @@
 
 use super::app::{App, Tab};
 use super::runs::Run;
-use base::{Arrange, Instant};
+use base::Instant;
 use diagnostics::{ChannelRow, ErrorGroup, ModuleRow, ShownGroup, Slot};
 use messages::lowlevel::{DataBus, Node};
 use std::cmp::Reverse;
@@ -28,11 +28,11 @@ pub fn modules(app: &App, now: Instant) -> Vec<ModuleRow> {
     let mut rows = model.modules(at);
     rows.retain(|row| app.lists(&row.module));
     match app.order() {
-        "trouble first" => rows.arrange_by_key(|row| (row.well, !row.critical)),
-        "cpu" => rows.arrange_by(|one, other| other.cpu.total_cmp(&one.cpu)),
-        "memory" => rows.arrange_by_key(|row| Reverse(row.rss)),
-        "restarts" => rows.arrange_by_key(|row| Reverse(row.restarts)),
-        "name" => rows.arrange_by(|one, other| one.module.cmp(&other.module)),
+        "trouble first" => rows.sort_by_key(|row| (row.well, !row.critical)),
+        "cpu" => rows.sort_by(|one, other| other.cpu.total_cmp(&one.cpu)),
+        "memory" => rows.sort_by_key(|row| Reverse(row.rss)),
+        "restarts" => rows.sort_by_key(|row| Reverse(row.restarts)),
+        "name" => rows.sort_by(|one, other| one.module.cmp(&other.module)),
         _ => {}
     }
     rows
@@ -58,8 +58,8 @@ pub fn errors(app: &App, now: Instant) -> Vec<ShownGroup<'_>> {
     let mut rows = model.errors.groups(at);
     rows.retain(|group| [&group.module, &group.subject, &group.message].into_iter().any(|text| app.lists(text)));
     match app.order() {
-        "latest" => rows.arrange_by_key(|group| Reverse(group.last)),
-        "count" => rows.arrange_by_key(|group| Reverse(group.count)),
+        "latest" => rows.sort_by_key(|group| Reverse(group.last)),
+        "count" => rows.sort_by_key(|group| Reverse(group.count)),
         _ => {}
     }
     rows
@@ -70,8 +70,8 @@ pub fn channels(app: &App, now: Instant) -> Vec<ChannelRow> {
     let mut rows = model.traffic.rows(at);
     rows.retain(|row| app.lists(&row.channel));
     match app.order() {
-        "rate" => rows.arrange_by(|one, other| other.rate.total_cmp(&one.rate)),
-        "bytes" => rows.arrange_by(|one, other| other.bandwidth.total_cmp(&one.bandwidth)),
+        "rate" => rows.sort_by(|one, other| other.rate.total_cmp(&one.rate)),
+        "bytes" => rows.sort_by(|one, other| other.bandwidth.total_cmp(&one.bandwidth)),
         _ => {}
     }
     rows

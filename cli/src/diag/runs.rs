@@ -1,6 +1,6 @@
 //! The runs in the log folder of this machine.
 
-use base::{Arrange, Duration, Instant};
+use base::{Duration, Instant};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -75,7 +75,7 @@ impl Runs {
         };
         self.why = None;
         let mut names: Vec<String> = names.filter(|name| is_run(name)).collect();
-        names.arrange_by(|one, other| other.cmp(one));
+        names.sort_unstable_by(|one, other| other.cmp(one));
         names.truncate(RUNS_MAX);
         let mut left = AT_ONCE;
         let known = std::mem::take(&mut self.runs);

@@ -2,7 +2,7 @@
 
 use crate::bus::{interrupt, wait};
 use crate::{Common, Failed, complain};
-use base::{Arrange, Duration, Instant};
+use base::{Duration, Instant};
 use host::clock;
 use lcm::Url;
 use lcm::live::Lcm;
@@ -107,7 +107,7 @@ impl Ear {
         let sources = self.lcm.udpm().map(lcm::live::Udpm::sources).unwrap_or_default();
         let mut publishers: Vec<_> =
             sources.iter().map(|source| (source.from.to_string(), source.datagrams, source.lost)).collect();
-        publishers.arrange_by_key(|(_, _, lost)| std::cmp::Reverse(*lost));
+        publishers.sort_by_key(|(_, _, lost)| std::cmp::Reverse(*lost));
         Losses {
             lost: stats.lost,
             kernel_dropped: stats.kernel_dropped,

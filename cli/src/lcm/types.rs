@@ -1,7 +1,6 @@
 //! Which types the tools know: the robot's own, built in, and others' from `.lcm` files.
 
 use crate::Failed;
-use base::Arrange;
 use lcm_gen::Schema;
 use lcm_gen::dynamic::{DecodeError, Message, Type, Types};
 use messages::Channel;
@@ -50,7 +49,7 @@ impl TypesArg {
         for path in &self.types {
             find(path, true, &mut files)?;
         }
-        files.arrange();
+        files.sort();
         files.dedup();
         if files.is_empty() && !self.types.is_empty() {
             return Err(format!("{}: no .lcm file there", self.types[0].display()).into());

@@ -10,7 +10,6 @@ use crate::progress::Progress;
 use crate::{Common, Failed, Outcome, print};
 use ::lidar::probe::{Identity, Kind};
 use ::lidar::sick::{Dialect, Family};
-use base::Arrange;
 use drivers::lidar::{MODELS, Model};
 use host::ports::PortConfig;
 use robot::config::Config;
@@ -111,7 +110,7 @@ fn machine() -> Vec<String> {
         .map(|entry| Path::new("/dev").join(entry.file_name()))
         .map(|device| lasting.get(&device).unwrap_or(&device).display().to_string())
         .collect();
-    names.arrange();
+    names.sort();
     names
 }
 
@@ -142,9 +141,9 @@ fn attempts() -> Vec<(u32, Vec<Kind>)> {
         Kind::Scip => 1,
         Kind::Rplidar | Kind::Cola(_) => 2,
     };
-    rates.values_mut().for_each(|kinds| kinds.arrange_by_key(rank));
+    rates.values_mut().for_each(|kinds| kinds.sort_by_key(rank));
     let mut rates: Vec<(u32, Vec<Kind>)> = rates.into_iter().collect();
-    rates.arrange_by_key(|(_, kinds)| kinds.iter().map(rank).min());
+    rates.sort_by_key(|(_, kinds)| kinds.iter().map(rank).min());
     rates
 }
 

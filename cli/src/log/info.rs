@@ -5,7 +5,6 @@ use super::source::{Events, Kind, Log, Mcap};
 use crate::lcm::table::{aligned, shown};
 use crate::progress::Progress;
 use crate::{Failed, Outcome, counted, print};
-use base::Arrange;
 use logger::read::{Damage, Index};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -132,7 +131,7 @@ fn marks(files: &[Mcap]) -> Vec<(u64, String)> {
             (get("time").parse().unwrap_or_default(), get("text"))
         })
         .collect();
-    marks.arrange();
+    marks.sort();
     marks
 }
 

@@ -4,7 +4,6 @@ use super::ahead::Threads;
 use super::select::Selection;
 use crate::Failed;
 use crate::progress::Progress;
-use base::Arrange;
 use lcm::eventlog;
 use logger::read::{Channel, Filter, Index, MAGIC, Messages, Schema, Skipped};
 use std::collections::BTreeMap;
@@ -185,7 +184,7 @@ pub fn run_files(folder: &Path) -> Result<Vec<PathBuf>, Failed> {
     if files.is_empty() {
         return Err(failed(folder, "no log there: log_000.mcap and so on are missing"));
     }
-    files.arrange();
+    files.sort();
     Ok(files.into_iter().map(|(_, path)| path).collect())
 }
 

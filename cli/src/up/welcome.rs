@@ -2,7 +2,6 @@
 //! where standard error is no terminal: there it is a log, and codes belong into none.
 
 use crate::qr;
-use base::Arrange;
 use host::log::Log;
 use host::runs;
 use std::fs;
@@ -81,7 +80,7 @@ fn newest(logs: &Path, since: SystemTime) -> Option<PathBuf> {
         files.filter_map(|file| fs::metadata(file).ok()?.modified().ok()).max().filter(|at| *at >= since)
     };
     let mut found: Vec<_> = runs.filter(|run| run.is_dir()).filter_map(|run| Some((written(&run)?, run))).collect();
-    found.arrange();
+    found.sort();
     found.pop().map(|(_, run)| run)
 }
 

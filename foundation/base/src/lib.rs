@@ -27,7 +27,6 @@
 
 extern crate alloc;
 
-mod arrange;
 pub mod can;
 mod deadlines;
 pub mod gamepad;
@@ -43,7 +42,6 @@ pub mod thermal;
 mod time;
 pub mod w1;
 
-pub use arrange::Arrange;
 pub use deadlines::{Deadlines, Key, earliest};
 pub use queue::Queue;
 pub use report::{Fault, Kind, Level, Location, Report, Severity};

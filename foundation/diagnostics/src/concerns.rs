@@ -1,7 +1,7 @@
 //! What is not well, whether or not it prevents motion: the second word of the status.
 
 use crate::Model;
-use base::{Arrange, Duration, Instant};
+use base::{Duration, Instant};
 use messages::common::Error;
 use messages::lowlevel::Reading;
 use messages::middlelevel::DataEstimate;
@@ -61,7 +61,7 @@ impl Model {
             weight: if power.charge < CHARGE_EMPTY { Weight::Error } else { Weight::Warning },
             words: format!("battery {:.0} %", 100.0 * power.charge.max(0.0)),
         }));
-        concerns.arrange_by_key(|concern| std::cmp::Reverse(concern.weight));
+        concerns.sort_by_key(|concern| std::cmp::Reverse(concern.weight));
         concerns.truncate(CONCERNS_MAX);
         concerns
     }

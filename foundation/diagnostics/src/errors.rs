@@ -5,7 +5,7 @@
 //! reports, which have no subjects.
 
 use crate::subjects::{Subjects, listed};
-use base::{Arrange, Duration, Fault, Instant};
+use base::{Duration, Fault, Instant};
 use messages::common::{self, DataFaults};
 use serde::Serialize;
 use std::collections::{BTreeMap, VecDeque};
@@ -273,7 +273,7 @@ impl Errors {
         let known = |module: &str| self.knowledge(module, now) != Knowledge::Unknown;
         let shown = self.groups.iter().map(|group| ShownGroup { group, known: known(&group.module) });
         let mut groups: Vec<_> = shown.collect();
-        groups.arrange_by_key(|group| (!group.standing, !group.known, -group.severity, std::cmp::Reverse(group.seen)));
+        groups.sort_by_key(|group| (!group.standing, !group.known, -group.severity, std::cmp::Reverse(group.seen)));
         groups
     }
 

@@ -32,7 +32,7 @@ mod situation;
 mod stop;
 mod switches;
 
-use base::{Arrange, Duration, Fault, Instant, Severity, Ticker};
+use base::{Duration, Fault, Instant, Severity, Ticker};
 use battery::Battery;
 use bus::Bus;
 pub use canopen::{Canopen, CanopenKeys, Format, ObjectKeys, ObjectKind, ObjectPlace};
@@ -110,7 +110,7 @@ impl Io {
     /// The configuration is invalid.
     pub fn new(config: Config) -> Result<Self, ConfigError> {
         let mut signals = signal::all(&config)?;
-        signals.arrange_by(|a, b| a.name.cmp(&b.name));
+        signals.sort_by(|a, b| a.name.cmp(&b.name));
         if config.modbus.len() + config.gpio.len() + usize::from(!config.switches.is_empty()) > PORTS_MAX {
             return Err(ConfigError::Count);
         }

@@ -9,7 +9,7 @@
 
 use crate::names;
 use base::store::{Answer, Entry, Request, Trouble};
-use base::{Arrange, Duration, Instant};
+use base::{Duration, Instant};
 use std::collections::{BTreeSet, VecDeque};
 use std::mem;
 use std::sync::Arc;
@@ -366,7 +366,7 @@ impl Disk {
     /// Runs to remove, the oldest last.
     fn victims(&self, wanted: u64, hard: bool) -> Vec<String> {
         let mut runs: Vec<&Entry> = self.entries.iter().filter(|entry| names::place(&entry.name).is_some()).collect();
-        runs.arrange_by_key(|entry| names::place(&entry.name));
+        runs.sort_by_key(|entry| names::place(&entry.name));
         let mut total: u64 = runs.iter().fold(0, |sum, entry| sum.saturating_add(entry.bytes));
         // The waiting data needs space beyond the limit, too.
         let spare = if hard { self.waiting as u64 + SPARE_BYTES } else { 0 };

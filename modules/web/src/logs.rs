@@ -10,7 +10,6 @@ use axum::body::{Body, Bytes};
 use axum::extract::{Path as Named, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use base::Arrange;
 use futures_util::stream;
 use host::clock;
 use nix::fcntl::{OFlag, open, openat};
@@ -60,7 +59,7 @@ impl Run {
 pub fn runs(folder: &Path, recording: Option<&str>) -> Vec<Run> {
     let mut names: Vec<String> =
         entries(folder).filter(|(name, kind)| kind.is_dir() && is_run(name)).map(|(name, _)| name).collect();
-    names.arrange_by(|a, b| b.cmp(a));
+    names.sort_unstable_by(|a, b| b.cmp(a));
     names.truncate(RUNS_MAX);
     let run = |name: String| {
         let mut files = listed(&folder.join(&name), "");
@@ -83,7 +82,7 @@ fn listed(folder: &Path, before: &str) -> Vec<Listed> {
     };
     let names = entries(folder).filter(|(_, kind)| kind.is_file()).map(|(name, _)| name);
     let mut files: Vec<Listed> = names.filter_map(file).collect();
-    files.arrange_by(|a, b| a.name.cmp(&b.name));
+    files.sort_unstable_by(|a, b| a.name.cmp(&b.name));
     files
 }
 

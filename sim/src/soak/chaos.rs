@@ -4,7 +4,7 @@ use super::rivals;
 use super::scenario::{Phase, Scenario};
 use crate::check::Limits;
 use crate::host::Virtual;
-use base::{Arrange, Duration, Instant};
+use base::{Duration, Instant};
 use messages::{common, simulation};
 use module::State;
 use settings::settings;
@@ -84,7 +84,7 @@ pub fn draw(scenario: &Scenario, seed: u64, episode: u64) -> Vec<Fault> {
         }
     }
     // Equal times are in the order of the kinds.
-    faults.arrange_by_key(|fault| fault.at);
+    faults.sort_by_key(|fault| fault.at);
     faults
 }
 

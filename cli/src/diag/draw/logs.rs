@@ -4,7 +4,7 @@ use super::{Listing, clip, fact, line, pane, size, split, table, time_of_day};
 use crate::diag::app::App;
 use crate::diag::rows;
 use crate::diag::runs::Run;
-use base::{Arrange, Instant};
+use base::Instant;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::Style;
@@ -97,7 +97,7 @@ fn reports(app: &App, now: Instant) -> Vec<Line<'static>> {
     });
     let listed = |(_, module, _, text): &(i64, &String, &str, &String)| app.lists(module) || app.lists(text);
     let mut all: Vec<_> = reports.filter(listed).take(REPORTS).chain(texts.filter(listed).take(REPORTS)).collect();
-    all.arrange_by_key(|(timestamp, ..)| Reverse(*timestamp));
+    all.sort_by_key(|(timestamp, ..)| Reverse(*timestamp));
     let line = |(timestamp, module, what, text): (i64, &String, &str, &String)| {
         Line::from(format!("{} {:<14} {what}{}", time_of_day(timestamp), clip(module), clip(text)))
     };

@@ -8,7 +8,6 @@
 
 use super::odometry::{Errors, Velocity, Way};
 use super::walls::Wall;
-use base::Arrange;
 use std::f64::consts::{PI, TAU};
 
 /// A point on a wall, in the frame of the lidar.
@@ -75,7 +74,7 @@ pub fn solve(hits: &[Hit], velocities: &[Velocity], walls: &[Wall]) -> Option<So
     let starts = (0..DIRECTIONS).map(|n| n as f64 / DIRECTIONS as f64 * TAU - PI);
     let mut tried: Vec<(f64, Vec<f64>)> =
         starts.filter_map(|theta| problem.descend(problem.start(theta, walls))).collect();
-    tried.arrange_by(|(a, _), (b, _)| a.total_cmp(b));
+    tried.sort_by(|(a, _), (b, _)| a.total_cmp(b));
     let (best, start) = tried.first()?.clone();
     let is_rival = |(rms, other): &&(f64, Vec<f64>)| {
         *rms < best * RIVAL_RMS + 1e-4 && navitools::wrap(other[0] - start[0]).abs() > RIVAL_RAD

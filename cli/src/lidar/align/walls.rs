@@ -1,7 +1,6 @@
 //! Straight walls in scans: found while the robot stands, followed while it moves.
 
 use super::odometry::Way;
-use base::Arrange;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// A measurement of a lidar, in its own frame.
@@ -163,7 +162,7 @@ fn best_line(points: &[[f64; 2]], random: &mut u64) -> Option<Wall> {
 /// The longest piece of a line that has points without a gap.
 fn longest_segment(wall: &Wall, points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let mut near: Vec<[f64; 2]> = points.iter().copied().filter(|point| wall.behind(*point).abs() < NEAR_M).collect();
-    near.arrange_by(|a, b| wall.along(*a).total_cmp(&wall.along(*b)));
+    near.sort_by(|a, b| wall.along(*a).total_cmp(&wall.along(*b)));
     let pieces = near.chunk_by(|a, b| wall.along(*b) - wall.along(*a) < GAP_M);
     pieces.max_by_key(|piece| piece.len()).unwrap_or_default().to_vec()
 }

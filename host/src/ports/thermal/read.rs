@@ -2,7 +2,6 @@
 //! (Documentation/hwmon/sysfs-interface.rst), `thermal_throttle` of x86, `get_throttled` of the Raspberry Pi. Their
 //! drivers may be anything: any content is an answer.
 
-use base::Arrange;
 use base::thermal::{State, Throttle};
 use std::fs::{self, File};
 use std::io::Read;
@@ -109,7 +108,7 @@ fn entries(folder: &Path, prefix: &str) -> Vec<PathBuf> {
         Some((digits.parse::<u32>().ok()?, name))
     });
     let mut found: Vec<(u32, String)> = found.collect();
-    found.arrange();
+    found.sort();
     found.into_iter().map(|(_, name)| folder.join(name)).collect()
 }
 

@@ -3,7 +3,7 @@
 use super::config::{ConfigError, Modbus, SignalKeys};
 use super::signal::{Signal, place};
 use base::serial::Word;
-use base::{Arrange, Duration, Fault, Instant, Severity};
+use base::{Duration, Fault, Instant, Severity};
 use messages::lowlevel::{DataBus, Node};
 use modbus::pdu::Data;
 use modbus::value::{Kind, Number, Place};
@@ -325,7 +325,7 @@ impl Unit {
 /// Jobs of a line: adjacent inputs are read at once; outputs are written one by one, bits of a register together.
 fn jobs(keys: &[SignalKeys], unit: u8, units: &[Unit], signals: &[Signal]) -> Vec<Job> {
     let mut keys: Vec<&SignalKeys> = keys.iter().collect();
-    keys.arrange_by_key(|keys| (keys.output, keys.unit(unit), keys.table, keys.address, keys.bit));
+    keys.sort_by_key(|keys| (keys.output, keys.unit(unit), keys.table, keys.address, keys.bit));
     let mut jobs: Vec<Job> = Vec::new();
     for keys in keys {
         let place_of = keys.place();

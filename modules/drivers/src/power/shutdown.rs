@@ -1,7 +1,7 @@
 //! Orderly shutdown: the modules are ended one after the other in reverse order of their start, then the supply is
 //! released, then the computer is halted.
 
-use base::{Arrange, Deadlines, Duration, Instant};
+use base::{Deadlines, Duration, Instant};
 use messages::common::{CmdState, DataProcesses, Process};
 use module::{Actions, State};
 
@@ -90,7 +90,7 @@ impl Shutdown {
     /// `longer`: the whole shutdown may take that much longer.
     pub fn keep_outputs(&mut self, within: Duration, longer: bool) {
         self.keeps = true;
-        self.modules.arrange_by_key(|module| module == OUTPUTS);
+        self.modules.sort_by_key(|module| module == OUTPUTS);
         if let Some(latest) = self.deadlines.get(Timer::Latest).filter(|_| longer) {
             self.deadlines.set(Timer::Latest, latest + within);
         }

@@ -2,7 +2,6 @@
 
 use super::chunk::{Head, Records};
 use super::{Attachment, Channel, Found, HEAD, Metadata, Scanner, Schema, fields, op, summary};
-use base::Arrange;
 use std::collections::BTreeMap;
 use std::io::{self, Read, Seek};
 
@@ -126,7 +125,7 @@ impl Index {
         }
         let mut index = builder.index;
         (index.indexed, index.counts) = (true, counts);
-        index.pieces.arrange_by_key(|piece| piece.offset);
+        index.pieces.sort_by_key(|piece| piece.offset);
         Ok(Some(index))
     }
 

@@ -3,7 +3,7 @@
 //! Nothing moves the robot, releases it from a stop, or speaks for one of its modules from there (docs/web.md,
 //! "Publishing").
 
-use base::{Arrange, Duration, Instant};
+use base::{Duration, Instant};
 use lcm_gen::dynamic::{Missing, Type, Types, Value};
 use lcm_gen::{Primitive, Schema};
 use messages::Channel;
@@ -101,7 +101,7 @@ impl Publisher {
                 Some(Publishable { channel, r#type, message: empty(self.types.get(r#type)?)? })
             })
             .collect();
-        offered.arrange_by_key(|offer| offer.channel);
+        offered.sort_unstable_by_key(|offer| offer.channel);
         offered
     }
 

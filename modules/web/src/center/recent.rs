@@ -4,7 +4,7 @@
 //! follow each other without a pause. A channel of data that goes on for hours is one old line; an event, a command
 //! that begins, and data that return after a silence are new ones.
 
-use base::{Arrange, Duration, Instant};
+use base::{Duration, Instant};
 use messages::Message;
 use serde::Serialize;
 use serde_json::Value;
@@ -110,7 +110,7 @@ impl Recent {
         self.news = false;
         let ended = self.ended.iter().map(|(channel, series)| (channel, series));
         let mut all: Vec<_> = self.going_on.iter().chain(ended).collect();
-        all.arrange_by_key(|(_, series)| Reverse(series.since));
+        all.sort_by_key(|(_, series)| Reverse(series.since));
         let recent = all.into_iter().take(LINES_MAX).map(|(channel, series)| series.row(channel)).collect();
         RecentPart { at: seconds(self.newest), recent }
     }

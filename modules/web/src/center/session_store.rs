@@ -7,7 +7,7 @@
 
 use super::access::{Access, Chance, Codes, IDLE_MAX, Role, Session};
 use crate::request::without_port;
-use base::{Arrange, Duration};
+use base::Duration;
 use host::clock;
 use serde::{Deserialize, Serialize};
 use std::fs::{self, DirBuilder, File, OpenOptions};
@@ -324,7 +324,7 @@ fn names(folder: &Path, prefix: &str) -> Vec<String> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
     let mut names: Vec<String> = names.filter(|name| name.starts_with(prefix) && !name.ends_with(".new")).collect();
-    names.arrange();
+    names.sort();
     names
 }
 

@@ -5,7 +5,6 @@
 
 use super::protocol::{self, Channel, Subscription};
 use axum::body::Bytes;
-use base::Arrange;
 use logger::ros::Topic;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
@@ -336,7 +335,7 @@ impl Entry {
         let more = self.latest.values().filter(|kept| self.gathers() && kept.fullest.time < kept.newest.time);
         let mut kept: Vec<LatestMessage> = more.map(|kept| kept.fullest.clone()).collect();
         kept.extend(self.latest.values().map(|kept| kept.newest.clone()));
-        kept.arrange_by_key(|said| said.time);
+        kept.sort_by_key(|said| said.time);
         kept
     }
 
