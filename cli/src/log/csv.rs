@@ -7,7 +7,6 @@ use super::source::{Item, Log};
 use crate::lcm::types::TypesArg;
 use crate::progress::Interruptible;
 use crate::{Failed, complain};
-use base::Arrange;
 use lcm_gen::dynamic::Columns;
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -318,14 +317,14 @@ impl Writer {
         };
         let mut tables: Vec<(String, (u64, Table))> =
             tables.into_iter().map(|(channel, table)| (channel, cost(table))).collect();
-        tables.arrange_by_key(|(_, (cost, _))| Reverse(*cost));
+        tables.sort_by_key(|(_, (cost, _))| Reverse(*cost));
         for (channel, (cost, table)) in tables {
             if let Some((sum, writer)) = shares.iter_mut().min_by_key(|(sum, _)| *sum) {
                 *sum = sum.saturating_add(cost);
                 writer.tables.push((channel, table));
             }
         }
-        shares.iter_mut().for_each(|(_, writer)| writer.tables.arrange_by(|(a, _), (b, _)| a.cmp(b)));
+        shares.iter_mut().for_each(|(_, writer)| writer.tables.sort_by(|(a, _), (b, _)| a.cmp(b)));
         shares.into_iter().map(|(_, writer)| writer).collect()
     }
 
