@@ -28,8 +28,8 @@ const BUS_OFF_MAX: Duration = Duration::from_secs(6);
 const COASTING_TIME: Duration = Duration::from_secs(10);
 
 /// CiA 402-2, statusword: operation enabled, and the bits that show it.
-const OPERATION_ENABLED: u16 = 0x27;
-const STATUS_MASK: u16 = 0x6F;
+pub(super) const OPERATION_ENABLED: u16 = 0x27;
+pub(super) const STATE_MASK: u16 = 0x6F;
 /// Period of the set-points of several wheels.
 const STEP: Duration = Duration::from_millis(20);
 
@@ -409,7 +409,7 @@ impl Facts {
     fn on_frame(&mut self, now: Instant, frame: &Frame) {
         let Id::Standard(id) = frame.id() else { return };
         if let Some((number, status)) = self.limits.reported(id, frame.data())
-            && status & STATUS_MASK == OPERATION_ENABLED
+            && status & STATE_MASK == OPERATION_ENABLED
         {
             self.powered[number] = now;
         }

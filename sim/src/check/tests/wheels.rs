@@ -195,3 +195,46 @@ fn all_wheels_are_told_to_stop_when_one_is_lost() {
     // It stands.
     check_wheels(&format!("{lost} \n speed 0 \n +400"));
 }
+
+/// The right drive restarts, and the master is off the bus until 100 ms before the last line. The left drive stops by
+/// itself, and its wheel is what the body turns about, at 0.3 m/s of the right one, which has no power.
+const MASTER_LOST: &str = "velocity pad 0 0
+    +10 velocity pad 0.4 0
+    wheels 0.4 0.4
+    frame 181 27 00
+    frame 182 27 00
+    speed 0.4
+    +90 velocity pad 0.4 0
+    fault can bus_off 1600
+    quiet steering
+    frame 702 00
+    +50
+    quiet propulsion
+    +150 LEFT
+    speed 0.3
+    +250 speed 0.15
+    rotation 0.5
+    +1150";
+
+#[test]
+fn a_wheel_without_power_rolls_on_while_another_one_stands_by_itself() {
+    // CiA 301: emergency 0x8130, and the heartbeat of a drive that has left Operational.
+    for report in ["frame 081 30 81 11 00 00 00 00 00", "frame 701 7F"] {
+        check_wheels(&format!("{} \n +200", MASTER_LOST.replace("LEFT", report)));
+    }
+}
+
+#[test]
+fn a_drive_that_reports_no_stop_of_its_own_or_does_not_stop_is_found() {
+    let lost = |report: &str| MASTER_LOST.replace("LEFT", report);
+    let stops = "frame 081 30 81 11 00 00 00 00 00";
+    // No report; that of another drive; an emergency for another reason; the right one's, which has restarted.
+    for report in ["", "frame 083 30 81 11 00 00 00 00 00", "frame 081 10 23 03 00 00 00 00 00", "frame 082 30 81 11"] {
+        check_wheels(&format!("{} \n +100 ! drives", lost(report)));
+    }
+    // It reports, and the body drives straight on, or turns the other way about.
+    check_wheels(&format!("{} \n rotation 0 \n +100 ! drives", lost(stops)));
+    check_wheels(&format!("{} \n rotation -0.5 \n +100 ! drives", lost(stops)));
+    // It is enabled again after its report.
+    check_wheels(&format!("{} \n frame 181 27 00 \n +100 ! drives", lost(stops)));
+}
