@@ -872,13 +872,22 @@ fn a_short_hang_or_one_of_an_uncritical_module_is_no_loss() {
 }
 
 #[test]
+fn a_robot_that_nobody_moves_brakes_all_the_time() {
+    // Stopped at 0.5 m/s, when its command had 200 ms to live: a stop that begins 500 ms later ends 0.33 s after that.
+    let stopped = "speed 0.5 \n begin pad 0.5 \n +50 stop \n +650";
+    check(&format!("{stopped} \n faster -0.075 6 \n faster -0.05 1 \n +2000"));
+    // It would stand in time if it braked twice as hard from here on.
+    check(&format!("{stopped} \n faster 0 2 \n faster 0 1 ! body"));
+}
+
+#[test]
 fn a_robot_that_nobody_moves_comes_to_a_stand() {
     check(
         "begin pad 0.4
         speed 0.4
         +250 stop
-        +700
-        +200 ! body",
+        +550
+        +50 ! body",
     );
     // Without its power stage it rolls.
     check(
