@@ -448,6 +448,9 @@ impl Checkers {
         }
         let left_over = self.facts.is_left_over(now);
         let facts = &self.facts;
+        if facts.wheels[wheel].speed().is_some() {
+            self.drives.on_moving(wheel, facts);
+        }
         let Some(speed) = facts.set_point.speed() else {
             named("stop", self.stop.on_still(now, facts))?;
             self.feed.on_still(now, facts);
@@ -512,7 +515,7 @@ impl Checkers {
                 named("body", self.body.on_truth(now, speed, facts))?;
                 named("feed", self.feed.on_truth(now, speed, facts))?;
                 named("released", self.released.on_truth(now, pid, truth.steering, facts))?;
-                named("drives", self.drives.on_truth(now, speed, facts))?;
+                named("drives", self.drives.on_truth(now, speed, self.pace.twist, facts))?;
                 named("stop", self.stop.on_truth(now, speed, facts))?;
                 named("wanted", self.wanted.on_time(now))
             }

@@ -3,6 +3,9 @@
 //! Bound: 200 ms until a drive without a master's heartbeat stops by itself, 300 ms, and the quick stop ramp; without
 //! power, or on drives that roll on without commands, it coasts, and its speed never rises. A drive that has lost its
 //! power at speed gets it back at standstill only, whatever is commanded meanwhile.
+//!
+//! Judged is each sample, not standstill alone: on the ramp of a quick stop the speed must fall from the moment at which
+//! the stop must have begun. One that began sooner, or brakes harder, is below it all the time.
 
 use super::Verdict;
 use super::facts::Facts;
@@ -12,6 +15,8 @@ use base::{Duration, Instant};
 const STOP_BEGIN_MAX: Duration = Duration::from_millis(500);
 /// Speed below which it counts as standing, m/s.
 const STANDSTILL_MPS: f64 = 0.02;
+/// Period of the samples: that of a base on wheels is the mean of one.
+const SAMPLE: Duration = Duration::from_millis(50);
 
 /// Motion of the body.
 #[derive(Debug, Default)]
@@ -50,7 +55,13 @@ impl Rule {
         if speed > before + STANDSTILL_MPS {
             return Err(format!("the speed rises to {speed:.3} m/s, and nobody moves it since {:?}", self.permitted));
         }
-        if now > self.permitted + STOP_BEGIN_MAX + ramp && !facts.may_roll(now) && speed > STANDSTILL_MPS {
+        if facts.may_roll(now) || speed <= STANDSTILL_MPS {
+            return Ok(());
+        }
+        let braked = now.since(self.permitted + STOP_BEGIN_MAX + SAMPLE).as_secs_f64() * braking;
+        // The losses of wheels that roll, of which some may stand, need not slow it down evenly.
+        let brakes = braking < facts.limits.quick_stop || speed <= self.speed_max - braked + STANDSTILL_MPS;
+        if now > self.permitted + STOP_BEGIN_MAX + ramp || !brakes {
             return Err(format!("{speed:.3} m/s, and nobody moves it since {:?}", self.permitted));
         }
         Ok(())

@@ -28,10 +28,13 @@ const BUS_OFF_MAX: Duration = Duration::from_secs(6);
 const COASTING_TIME: Duration = Duration::from_secs(10);
 
 /// CiA 402-2, statusword: operation enabled, and the bits that show it.
-const OPERATION_ENABLED: u16 = 0x27;
-const STATUS_MASK: u16 = 0x6F;
+pub(super) const OPERATION_ENABLED: u16 = 0x27;
+pub(super) const STATE_MASK: u16 = 0x6F;
 /// Period of the set-points of several wheels.
 const STEP: Duration = Duration::from_millis(20);
+/// Part of their ramp by which wheels slow down at least for a command to stand: a step that is late is a step of its
+/// period all the same.
+const RAMP_PART: f64 = 0.75;
 
 /// The last RPDO of the propulsion: of one wheel, or of all of them together.
 #[derive(Clone, Copy, Debug, Default)]
@@ -81,6 +84,14 @@ impl Base {
     /// Longest time in which its wheels reach their speeds: from full speed one way to that of the other.
     pub fn ramp(&self, speed: f64) -> Duration {
         Duration::from_secs_f64(2.0 * speed / self.deceleration_mps2) + 2 * STEP
+    }
+
+    /// Greatest set-point of its fastest wheel, m/s, that slows down from `speed` to zero for `time`. With the command
+    /// to stand all wheels slow down in proportion, the fastest one on its ramp: it is decided in the next step, and the
+    /// last of the wheels is sent its set-point a step later than the first.
+    fn slowed(&self, speed: f64, time: Duration) -> f64 {
+        let ramp = time.saturating_sub(3 * STEP).as_secs_f64() * RAMP_PART * self.deceleration_mps2;
+        (speed - ramp).max(0.0)
     }
 }
 
@@ -265,14 +276,17 @@ impl Facts {
         }
     }
 
-    /// True if the wheels slow down since a command last asked for their motion, without a stop since then, and not
-    /// faster than they were, for a source that had overruled by its zero the source of that command, which commanded
+    /// True if the wheels slow down on their ramp since a command last asked for their motion, without a stop since then,
+    /// and not faster than they were, for a source that had overruled by its zero the source of that command, which commanded
     /// without a gap until then, and still commands zero: it ends a motion that was permitted, and begins none. To others
     /// the silence of the source that moved them is a stop.
     pub fn ends_motion(&self, now: Instant, speed: f64) -> bool {
         let Some(base) = &self.limits.base else { return false };
-        let (since, _) = self.asked;
-        let slows = speed <= self.slowest + ROUNDING_MPS && now.since(since) <= base.ramp(self.limits.speed);
+        let (since, fastest) = self.asked;
+        // A driver that was late, or hung, went on from where it was.
+        let held_up = self.driver.ill(now).max(since) + self.slack(now);
+        let permitted = self.slowest.min(base.slowed(fastest, now.since(held_up)));
+        let slows = speed <= permitted + ROUNDING_MPS && now.since(since) <= base.ramp(self.limits.speed);
         let asked_by =
             self.sources.iter().filter(|source| source.priority == self.asked_by && source.unbroken <= since);
         let obeyed = asked_by.map(Source::expires).fold(since, Instant::max);
@@ -409,7 +423,7 @@ impl Facts {
     fn on_frame(&mut self, now: Instant, frame: &Frame) {
         let Id::Standard(id) = frame.id() else { return };
         if let Some((number, status)) = self.limits.reported(id, frame.data())
-            && status & STATUS_MASK == OPERATION_ENABLED
+            && status & STATE_MASK == OPERATION_ENABLED
         {
             self.powered[number] = now;
         }

@@ -17,6 +17,8 @@ pub(super) struct Pace {
     last: Option<(Instant, u32, Pose)>,
     /// Speed at the last sample, m/s.
     pub speed: f64,
+    /// Velocity at the last sample of a robot that turns by its wheels, over the time since the one before.
+    pub twist: Twist,
 }
 
 impl Pace {
@@ -29,13 +31,14 @@ impl Pace {
         let pose = Pose::new(truth.x, truth.y, truth.theta);
         let before = self.last.replace((now, pid, pose));
         let Some((since, _, before)) = before.filter(|(since, simulator, _)| *simulator == pid && *since < now) else {
-            self.speed = 0.0;
+            (self.speed, self.twist) = (0.0, Twist::ZERO);
             return 0.0;
         };
         let way = before.inverse() * pose;
         if libm::hypot(way.x, way.y) <= MOVED_MAX_M {
             let twist = Twist::new(way.x, way.y, way.theta.radians());
-            self.speed = base.fastest_wheel(twist * (1.0 / now.since(since).as_secs_f64()));
+            self.twist = twist * (1.0 / now.since(since).as_secs_f64());
+            self.speed = base.fastest_wheel(self.twist);
         }
         self.speed
     }

@@ -91,8 +91,12 @@ struct Bench {
     quiet: Vec<String>,
     /// Position and speed of the body.
     x: f64,
+    y: f64,
+    theta: f64,
     speed: f64,
     steering: f64,
+    /// Rotation of the body, rad/s.
+    rotation: f64,
     /// It moves at its speed.
     rolls: bool,
     /// Process that simulates the body.
@@ -113,8 +117,21 @@ impl Bench {
         // A propulsion without another wheel is not watched.
         let quiet = if rolls { vec![] } else { vec!["propulsion".into()] };
         let (now, pids) = (Instant::ZERO, BTreeMap::new());
-        let (x, speed, steering) = (0.0, 0.0, 0.0);
-        let mut bench = Self { checkers, now, pids, quiet, x, speed, steering, rolls, simulator: 0, way: Way::Memory };
+        let mut bench = Self {
+            checkers,
+            now,
+            pids,
+            quiet,
+            x: 0.0,
+            y: 0.0,
+            theta: 0.0,
+            speed: 0.0,
+            steering: 0.0,
+            rotation: 0.0,
+            rolls,
+            simulator: 0,
+            way: Way::Memory,
+        };
         for module in ["watchdog", "power", "driver", "guard"] {
             bench.start(module);
             bench.tell(&News::State { module, state: State::Run });
@@ -159,13 +176,15 @@ impl Bench {
             }
         }
         // A body that turns by its wheels is judged by its way.
-        self.x += if self.rolls { self.speed * 0.05 } else { 0.0 };
+        self.x += if self.rolls { self.speed * 0.05 * libm::cos(self.theta) } else { 0.0 };
+        self.y += if self.rolls { self.speed * 0.05 * libm::sin(self.theta) } else { 0.0 };
+        self.theta += self.rotation * 0.05;
         self.truth();
     }
 
     fn truth(&mut self) {
-        let (x, speed, steering) = (self.x, self.speed, self.steering);
-        self.sent(self.simulator, simulation::DataTruth { x, speed, steering, ..Default::default() });
+        let &mut Self { x, y, theta, speed, steering, .. } = self;
+        self.sent(self.simulator, simulation::DataTruth { x, y, theta, speed, steering, ..Default::default() });
     }
 
     fn sender(&self, pid: u32) -> Sender {
@@ -280,6 +299,7 @@ impl Bench {
             }
             // The body, and the driver's report of it.
             ["speed", speed] => self.speed = number(speed),
+            ["rotation", rotation] => self.rotation = number(rotation),
             ["truth", speed] => {
                 self.speed = number(speed);
                 self.truth();
@@ -852,13 +872,22 @@ fn a_short_hang_or_one_of_an_uncritical_module_is_no_loss() {
 }
 
 #[test]
+fn a_robot_that_nobody_moves_brakes_all_the_time() {
+    // Stopped at 0.5 m/s, when its command had 200 ms to live: a stop that begins 500 ms later ends 0.33 s after that.
+    let stopped = "speed 0.5 \n begin pad 0.5 \n +50 stop \n +650";
+    check(&format!("{stopped} \n faster -0.075 6 \n faster -0.05 1 \n +2000"));
+    // It would stand in time if it braked twice as hard from here on.
+    check(&format!("{stopped} \n faster 0 2 \n faster 0 1 ! body"));
+}
+
+#[test]
 fn a_robot_that_nobody_moves_comes_to_a_stand() {
     check(
         "begin pad 0.4
         speed 0.4
         +250 stop
-        +700
-        +200 ! body",
+        +550
+        +50 ! body",
     );
     // Without its power stage it rolls.
     check(

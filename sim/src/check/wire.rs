@@ -140,11 +140,16 @@ impl Drive {
         if id == self.command.id {
             return self.commanded(data).map(Self::moves);
         }
-        let master_lost = self.protocol == Protocol::Canopen
-            && id == EMERGENCY + u16::from(self.node)
-            && data.starts_with(&HEARTBEAT_LOST);
         let disabled = || self.reported(id, data).is_some_and(|status| status & STATE_MASK != OPERATION_ENABLED);
-        (master_lost || disabled()).then_some(false)
+        (self.loses_master(id, data) || disabled()).then_some(false)
+    }
+
+    /// True for the emergency by which a CANopen drive reports that its master is silent, and that it stops by itself.
+    #[must_use]
+    pub fn loses_master(&self, id: u16, data: &[u8]) -> bool {
+        self.protocol == Protocol::Canopen
+            && id == EMERGENCY + u16::from(self.node)
+            && data.starts_with(&HEARTBEAT_LOST)
     }
 
     /// Data of its command that drives it at this target, in units of the drive; the rest is 0.

@@ -29,6 +29,10 @@ const UNWATCHED_MAX: Duration = Duration::from_millis(450);
 const LAG_MPS: f64 = MARGIN_MPS;
 const TURNS_MPS: f64 = 0.05;
 const LAG_MAX: Duration = Duration::from_millis(200);
+/// Set-point from which on one of several wheels must not turn the other way, m/s, and the part of it at which it does.
+/// Others may hold a wheel whose encoder counts backwards at its speed: then nothing but the sign is wrong.
+const TURNS_BACK_MPS: f64 = STANDSTILL_MPS;
+const TURNS_BACK_PART: f64 = 0.5;
 /// For how long the only wheel of a robot without odometry may stand although it is to turn, beyond twice its ramp to a
 /// speed that is no standstill: the robot is blocked, or the encoder is dead. Then the loop of the drive accelerates
 /// the wheel without end.
@@ -86,7 +90,9 @@ impl WheelWatch {
     fn is_behind(&mut self, now: Instant, target: Option<f64>, measured: f64) -> bool {
         let lags = target.is_some_and(|target| {
             let along = measured * target.signum();
-            target.abs() - along > LAG_MPS || target.abs() >= TURNS_MPS && along < STANDSTILL_MPS
+            let stands = target.abs() >= TURNS_MPS && along < STANDSTILL_MPS;
+            let turns_back = target.abs() >= TURNS_BACK_MPS && along <= -TURNS_BACK_PART * target.abs();
+            target.abs() - along > LAG_MPS || stands || turns_back
         });
         if !lags {
             self.lags = None;
@@ -377,6 +383,31 @@ mod tests {
         assert_eq!(found(|s| (Some(0.3), if s < 1.0 { 0.3 } else { 0.0 })), Some(1380));
         // Its targets change, and so does their sign.
         assert_eq!(found(|s| (Some(0.3 * libm::cos(20.0 * s).signum()), 0.0)), Some(380));
+    }
+
+    /// The same of one of several wheels.
+    fn found_behind(speeds: impl Fn(f64) -> (f64, f64)) -> Option<u64> {
+        let mut watch = watch();
+        (0..200).map(|step| 10 * step).find(|ms| {
+            let (target, measured) = speeds(*ms as f64 / 1000.0);
+            watch.is_behind(at(*ms), Some(target), measured)
+        })
+    }
+
+    #[test]
+    fn one_of_several_wheels_that_turns_the_other_way_is_found_at_low_speed() {
+        for target in [0.02, -0.03, 0.049] {
+            // Others hold it at its speed, and its encoder counts backwards.
+            assert_eq!(found_behind(|_| (target, -target)), Some(200), "{target}");
+            // It stands, or creeps back.
+            assert_eq!(found_behind(|_| (target, 0.0)), None, "{target}");
+            assert_eq!(found_behind(|_| (target, -0.4 * target)), None, "{target}");
+        }
+        // Below what counts as standstill the sign of a measured speed is noise.
+        assert_eq!(found_behind(|_| (0.019, -0.019)), None);
+        // It turns round on its ramp, 100 ms late.
+        let ramp = |s: f64| (0.5 * s - 0.3).min(0.04);
+        assert_eq!(found_behind(|s| (ramp(s), ramp(s - 0.1))), None);
     }
 
     #[test]

@@ -9,6 +9,11 @@
 //! A drive that gains speed on a ramp of its own is judged by that ramp, too: faster than it would permit, and gaining
 //! more speed for [`CONFIRMATION`], is an alarm below the commanded speed as well. A drive that has reached the
 //! commanded speed too early and keeps it raises no alarm.
+//!
+//! A wheel that runs away is found sooner: a set-point that rises itself hides half of what the motor gains. Beyond
+//! [`RUNAWAY_MPS`] for [`RUNAWAY`], at last beyond the whole tolerance, and still on its way from the set-point, of
+//! which the ramp counts and not the final command, is an alarm. An excess that no longer grows, or a wheel that does
+//! not gain speed, has the longer [`CONFIRMATION`].
 
 use base::{Duration, Instant};
 use std::collections::VecDeque;
@@ -23,6 +28,13 @@ pub(super) const MARGIN_MPS: f64 = 0.1;
 const RAMP_MIN: f64 = 0.5;
 /// Interval over which the measured acceleration is taken, and longest time between two measurements of a rise.
 const SLOPE: Duration = Duration::from_millis(100);
+/// Excess from which on a wheel may be running away: half of the tolerance, several times the resolution.
+const RUNAWAY_MPS: f64 = 0.5 * MARGIN_MPS;
+/// Time for which the excess of a wheel that runs away must be greater: twelve measurements of a CANopen drive.
+const RUNAWAY: Duration = Duration::from_millis(120);
+/// Least growth over [`SLOPE`] of the excess and of the speed of a wheel that runs away, m/s: 0.3 m/s² more than its
+/// set-point gains. One motor of three accelerates the drawn robot of 95 kg by 0.5 m/s² more, of one or two by 1.5.
+const GROWTH_MPS: f64 = 0.03;
 /// Maximum number of measurements kept: 100 a second for somewhat more than [`SLOPE`].
 const MEASUREMENTS_MAX: usize = 32;
 
@@ -68,14 +80,21 @@ impl Envelope {
         self.target = target;
     }
 
-    /// `ramp` of a fall, `rise` that of the drive if it has one, m/s².
-    fn pass(&mut self, from: Instant, now: Instant, ramp: f64, rise: Option<f64>) {
-        if let Some(falls) = self.falls {
-            let time = now.since(from.max(falls)).as_secs_f64();
-            self.allowed = (self.allowed - ramp * time).max(self.target);
+    /// `ramp` of a fall; `own`: acceleration and deceleration of the drive if it keeps them itself; m/s².
+    fn pass(&mut self, from: Instant, now: Instant, ramp: f64, own: Option<(f64, f64)>) {
+        let passed = now.since(from).as_secs_f64();
+        let fallen = self.falls.map_or(0.0, |falls| now.since(from.max(falls)).as_secs_f64());
+        if fallen > 0.0 {
+            self.allowed = (self.allowed - ramp * fallen).max(self.target);
         }
-        let risen = rise.map(|rise| self.risen + rise * now.since(from).as_secs_f64());
-        self.risen = risen.unwrap_or(self.allowed).min(self.allowed);
+        self.risen = match own {
+            None => self.allowed,
+            // Until it must fall the drive may still follow the command before.
+            Some((_, fall)) if fallen > 0.0 && self.risen > self.target => {
+                (self.risen - fall * fallen).max(self.target).min(self.allowed)
+            }
+            Some((rise, _)) => (self.risen + rise * passed).min(self.allowed),
+        };
     }
 }
 
@@ -84,8 +103,8 @@ impl Envelope {
 pub(super) struct SpeedMonitor {
     /// Deceleration of a command and of a quick stop, m/s².
     ramps: (f64, f64),
-    /// Acceleration, m/s², if the drive itself keeps it.
-    rise: Option<f64>,
+    /// Acceleration and deceleration, m/s², if the drive itself keeps them.
+    own: Option<(f64, f64)>,
     order: Order,
     /// Forward and backward.
     envelopes: [Envelope; 2],
@@ -94,7 +113,19 @@ pub(super) struct SpeedMonitor {
     exceeded: Option<Instant>,
     /// Since when it gains speed beyond its ramp.
     rises: Option<Instant>,
-    recent: VecDeque<(Instant, f64)>,
+    /// Since when it may be running away.
+    runs_away: Option<Instant>,
+    recent: VecDeque<Measurement>,
+}
+
+/// A measurement.
+#[derive(Clone, Copy, Debug)]
+struct Measurement {
+    at: Instant,
+    /// m/s.
+    speed: f64,
+    /// How much faster it was than its set-point on its ramp, m/s; NaN if it was not to drive.
+    excess: f64,
 }
 
 impl SpeedMonitor {
@@ -103,13 +134,14 @@ impl SpeedMonitor {
     pub(super) fn new(deceleration: f64, quick_stop: f64, rise: Option<f64>) -> Self {
         Self {
             ramps: (deceleration, quick_stop),
-            rise,
+            own: rise.map(|rise| (rise, deceleration)),
             order: Order::None,
             envelopes: [Envelope::default(); 2],
             at: Instant::ZERO,
             measured: 0.0,
             exceeded: None,
             rises: None,
+            runs_away: None,
             recent: VecDeque::with_capacity(MEASUREMENTS_MAX),
         }
     }
@@ -146,19 +178,20 @@ impl SpeedMonitor {
     /// Processes a measured speed, m/s.
     pub(super) fn measure(&mut self, now: Instant, speed: f64) -> Option<Alarm> {
         self.pass(now);
-        let before = self.recent.back().map_or(now, |(at, _)| *at);
+        let before = self.recent.back().map_or(now, |last| last.at);
         self.measured = speed;
         if self.recent.len() == MEASUREMENTS_MAX {
             self.recent.pop_front();
         }
-        self.recent.push_back((now, speed));
+        let excess = self.excess();
+        self.recent.push_back(Measurement { at: now, speed, excess });
         let speeds = self.speeds();
         if self.order == Order::Stop {
             for (envelope, speed) in self.envelopes.iter_mut().zip(speeds) {
                 envelope.allowed = envelope.allowed.min(speed + MARGIN_MPS);
             }
         }
-        let rises = self.judge_rise(now, before);
+        let rises = self.judge_rise(now, before).or(self.judge_runaway(now, before, excess));
         let over =
             speeds.into_iter().zip(self.envelopes).find(|(speed, envelope)| *speed > envelope.allowed + MARGIN_MPS);
         let Some((measured, envelope)) = over.filter(|_| self.order != Order::None) else {
@@ -179,7 +212,7 @@ impl SpeedMonitor {
 
     /// Judges whether it gains speed faster than the drive's ramp; `before`: instant of the previous measurement.
     fn judge_rise(&mut self, now: Instant, before: Instant) -> Option<Alarm> {
-        let rise = self.rise?;
+        let (rise, _) = self.own?;
         let gains = self.slope(now).is_some_and(|slope| slope >= RAMP_MIN * rise);
         let drives = matches!(self.order, Order::Drive(_));
         let beyond = |(speed, envelope): &(f64, Envelope)| *speed > envelope.risen + MARGIN_MPS;
@@ -194,6 +227,33 @@ impl SpeedMonitor {
         }
         let since = *self.rises.get_or_insert(now);
         (now.since(since) >= CONFIRMATION).then_some(Alarm::Exceeded { measured, allowed: envelope.risen })
+    }
+
+    /// How much faster it is than its set-point on its ramp, m/s; NaN if it is not to drive.
+    fn excess(&self) -> f64 {
+        let [forward, backward] = self.envelopes;
+        let permitted = if self.measured < 0.0 { backward } else { forward };
+        if matches!(self.order, Order::Drive(_)) { self.measured.abs() - permitted.risen } else { f64::NAN }
+    }
+
+    /// Judges whether it gains speed, and leaves its set-point behind; `before`: instant of the previous measurement.
+    fn judge_runaway(&mut self, now: Instant, before: Instant, excess: f64) -> Option<Alarm> {
+        // NaN: it is not to drive.
+        if excess.is_nan() || excess <= RUNAWAY_MPS {
+            self.runs_away = None;
+            return None;
+        }
+        if now.since(before) > SLOPE {
+            // What it did meanwhile is not known.
+            self.runs_away = None;
+        }
+        let since = *self.runs_away.get_or_insert(now);
+        let then = self.measured_before(now)?;
+        // NaN grows by nothing.
+        let grows = excess - then.excess >= GROWTH_MPS && self.measured.abs() - then.speed.abs() >= GROWTH_MPS;
+        let runs_away = grows && excess > MARGIN_MPS && now.since(since) >= RUNAWAY;
+        let (measured, allowed) = (self.measured.abs(), self.measured.abs() - excess);
+        runs_away.then_some(Alarm::Exceeded { measured, allowed })
     }
 
     fn speeds(&self) -> [f64; 2] {
@@ -211,14 +271,19 @@ impl SpeedMonitor {
 
     /// Measured acceleration over [`SLOPE`], m/s², negative if it slows down; `None`: not measured for that long.
     fn slope(&self, now: Instant) -> Option<f64> {
-        let (at, speed) = self.recent.iter().rev().find(|(at, _)| now.since(*at) >= SLOPE)?;
-        Some((self.measured.abs() - speed.abs()) / now.since(*at).as_secs_f64())
+        let then = self.measured_before(now)?;
+        Some((self.measured.abs() - then.speed.abs()) / now.since(then.at).as_secs_f64())
+    }
+
+    /// The last measurement at least [`SLOPE`] ago.
+    fn measured_before(&self, now: Instant) -> Option<Measurement> {
+        self.recent.iter().rev().find(|then| now.since(then.at) >= SLOPE).copied()
     }
 
     fn pass(&mut self, now: Instant) {
-        let (ramp, rise) = (self.ramp(), self.rise);
+        let (ramp, own) = (self.ramp(), self.own);
         for envelope in &mut self.envelopes {
-            envelope.pass(self.at, now, ramp, rise);
+            envelope.pass(self.at, now, ramp, own);
         }
         self.at = self.at.max(now);
     }
@@ -327,6 +392,67 @@ mod tests {
         let mut bench = Bench::driving(0.0);
         bench.monitor = SpeedMonitor::new(0.8, 1.5, None);
         assert_eq!(bench.run(Order::Drive(1.2), 2.0, 600), None);
+    }
+
+    #[test]
+    fn a_drive_that_slowed_down_before_is_judged_by_the_ramp_from_there() {
+        let mut bench = Bench::driving(0.4);
+        // It follows its own ramp down, and up again from 0.04 m/s; it may have been 150 ms later.
+        assert_eq!(bench.run(Order::Drive(0.0), -0.8, 450), None);
+        assert_eq!(bench.run(Order::Drive(0.4), 0.5, 100), None);
+        let (ms, alarm) = bench.run(Order::Drive(0.4), 2.0, 1000).expect("an alarm");
+        assert!(ms <= 260 && matches!(alarm, Alarm::Exceeded { measured, .. } if measured < 0.65), "{ms}: {alarm:?}");
+        // One that was as late as it may be, and is late on its way up.
+        let mut bench = Bench::driving(0.4);
+        assert_eq!(bench.run(Order::Drive(0.0), 0.0, 150), None);
+        assert_eq!(bench.run(Order::Drive(0.0), -0.8, 200), None);
+        assert_eq!(bench.run(Order::Drive(0.4), 0.5, 300), None);
+    }
+
+    /// One of several wheels: its driver makes the ramp of its set-points.
+    fn of_several(ms: u64, mut speeds: impl FnMut(f64) -> (f64, f64)) -> Option<(u64, Alarm)> {
+        let mut monitor = SpeedMonitor::new(0.8, 1.5, None);
+        (0..ms).step_by(10).find_map(|ms| {
+            let (now, (set_point, speed)) = (Instant::from_millis(1000 + ms), speeds(ms as f64 / 1000.0));
+            monitor.command(now, Order::Drive(set_point));
+            monitor.measure(now, speed).map(|alarm| (ms, alarm))
+        })
+    }
+
+    #[test]
+    fn a_wheel_that_leaves_a_rising_set_point_behind_is_found_before_its_excess_has_lasted() {
+        for sign in [1.0, -1.0] {
+            // The set-point gains 0.5 m/s², and from 200 ms on the wheel 1.0.
+            let found = of_several(1000, |s| (sign * 0.5 * s, sign * (0.5 * s + 0.5 * (s - 0.2).max(0.0))));
+            let (ms, alarm) = found.expect("an alarm");
+            // 0.1 m/s too fast after 200 ms.
+            assert!((400..=440).contains(&ms) && matches!(alarm, Alarm::Exceeded { .. }), "{ms}: {alarm:?}");
+            // At a speed that is kept the wheel gains 1.15.
+            let found = of_several(1000, |s| (sign * 0.3, sign * (0.3 + 1.15 * (s - 0.2).max(0.0))));
+            let (ms, _) = found.expect("an alarm");
+            assert!((300..=380).contains(&ms), "{ms}");
+        }
+    }
+
+    #[test]
+    fn an_excess_that_does_not_grow_or_is_within_the_tolerance_is_not_a_wheel_that_runs_away() {
+        // A bump of 0.12 m/s that is corrected within 100 ms; a deviation that is tolerated; one that grows too slowly
+        // to leave the tolerance; a wheel that is late on its ramp and catches up.
+        let bump = |s: f64| 0.12 * (1.0 - libm::fabs(s - 0.5) / 0.05).max(0.0);
+        assert_eq!(of_several(1000, |s| (0.3, 0.3 + bump(s))), None);
+        assert_eq!(of_several(2000, |s| (0.3, 0.3 + (0.5 * (s - 0.2)).clamp(0.0, 0.095))), None);
+        assert_eq!(
+            of_several(2000, |s| ((0.5 * s).min(0.4), (2.0 * (s - 0.3)).clamp(0.0, (0.5 * s).min(0.4) + 0.04))),
+            None
+        );
+        // Its set-point falls, and it keeps its speed for as long as a drive may need to react.
+        assert_eq!(of_several(1150, |s| (if s < 1.0 { 0.4 } else { 0.4 - 0.8 * (s - 1.0) }, 0.4)), None);
+        // Not measured for 150 ms in the middle of the excess.
+        let mut monitor = SpeedMonitor::new(0.8, 1.5, None);
+        for (ms, speed) in [(0, 0.3), (20, 0.32), (40, 0.34), (60, 0.36), (210, 0.45)] {
+            monitor.command(Instant::from_millis(1000 + ms), Order::Drive(0.3));
+            assert_eq!(monitor.measure(Instant::from_millis(1000 + ms), speed), None, "{ms} ms");
+        }
     }
 
     #[test]

@@ -89,15 +89,39 @@ fn a_source_that_takes_over_by_zero_ends_a_motion_and_begins_none() {
         wheels 0.4 0.4
         +100 say shell 0
         wheels 0.36 0.36";
-    check_wheels(&format!(
-        "{ended} \n +150 say pad 0 \n wheels 0.3 0.3 \n +150 say pad 0 \n wheels 0.2 0.2 \n +20 wheels 0.18 0.18"
-    ));
+    let (by_shell, by_pad) = (slower(0.36, 7, ""), slower(0.248, 9, "say pad 0"));
+    check_wheels(&format!("{ended} {by_shell} \n +10 say pad 0 {by_pad}"));
     check_wheels(&format!("{ended} \n +290 say pad 0 \n +50 say pad 0 \n wheels 0.2 0.2 ! resumes"));
     // One of no higher priority does not take over: the pad's silence is a stop.
     for other in ["twin", "shell", "planner"] {
         let script = taken_over("pad", other);
         check_wheels(&format!("{script} \n +30 say {other} 0 \n wheels 0.34 0.34 ! resumes"));
     }
+}
+
+#[test]
+fn the_motion_that_a_source_ends_by_zero_slows_down_on_its_ramp() {
+    // Taken over from a source that has expired; the ramp of 0.8 m/s² needs 0.45 s.
+    let taken_over = "say shell 0
+        +10 say shell 0.4
+        wheels 0.4 0.4
+        +185 say pad 0
+        +50 say pad 0
+        +10 wheels 0.36 0.36";
+    check_wheels(&format!("{taken_over} {}", slower(0.36, 21, "say pad 0")));
+    // It keeps its speed, or slows down by half of the ramp.
+    let kept = "\n +20 say pad 0 \n wheels 0.36 0.36".repeat(3);
+    check_wheels(&format!("{taken_over} {kept} \n +20 wheels 0.36 0.36 ! resumes"));
+    let half: String = (1..=7)
+        .map(|n| 0.36 - 0.008 * f64::from(n))
+        .fold(String::new(), |lines, speed| format!("{lines} \n +20 say pad 0 \n wheels {speed:.3} {speed:.3}"));
+    check_wheels(&format!("{taken_over} {half} \n +20 wheels 0.296 0.296 ! resumes"));
+}
+
+/// Wheels that slow down from `speed` by 0.8 m/s² in steps; `line` before each.
+fn slower(speed: f64, steps: u32, line: &str) -> String {
+    let wheels = (1..=steps).map(|step| speed - 0.016 * f64::from(step));
+    wheels.fold(String::new(), |lines, speed| format!("{lines} \n +20 {line} \n wheels {speed:.3} {speed:.3}"))
 }
 
 #[test]
@@ -194,4 +218,47 @@ fn all_wheels_are_told_to_stop_when_one_is_lost() {
     check_wheels(&format!("{lost} \n +299 \n +50 ! drives"));
     // It stands.
     check_wheels(&format!("{lost} \n speed 0 \n +400"));
+}
+
+/// The right drive restarts, and the master is off the bus until 100 ms before the last line. The left drive stops by
+/// itself, and its wheel is what the body turns about, at 0.3 m/s of the right one, which has no power.
+const MASTER_LOST: &str = "velocity pad 0 0
+    +10 velocity pad 0.4 0
+    wheels 0.4 0.4
+    frame 181 27 00
+    frame 182 27 00
+    speed 0.4
+    +90 velocity pad 0.4 0
+    fault can bus_off 1600
+    quiet steering
+    frame 702 00
+    +50
+    quiet propulsion
+    +150 LEFT
+    speed 0.3
+    +250 speed 0.15
+    rotation 0.5
+    +1150";
+
+#[test]
+fn a_wheel_without_power_rolls_on_while_another_one_stands_by_itself() {
+    // CiA 301: emergency 0x8130, and the heartbeat of a drive that has left Operational.
+    for report in ["frame 081 30 81 11 00 00 00 00 00", "frame 701 7F"] {
+        check_wheels(&format!("{} \n +200", MASTER_LOST.replace("LEFT", report)));
+    }
+}
+
+#[test]
+fn a_drive_that_reports_no_stop_of_its_own_or_does_not_stop_is_found() {
+    let lost = |report: &str| MASTER_LOST.replace("LEFT", report);
+    let stops = "frame 081 30 81 11 00 00 00 00 00";
+    // No report; that of another drive; an emergency for another reason; the right one's, which has restarted.
+    for report in ["", "frame 083 30 81 11 00 00 00 00 00", "frame 081 10 23 03 00 00 00 00 00", "frame 082 30 81 11"] {
+        check_wheels(&format!("{} \n +100 ! drives", lost(report)));
+    }
+    // It reports, and the body drives straight on, or turns the other way about.
+    check_wheels(&format!("{} \n rotation 0 \n +100 ! drives", lost(stops)));
+    check_wheels(&format!("{} \n rotation -0.5 \n +100 ! drives", lost(stops)));
+    // It is enabled again after its report.
+    check_wheels(&format!("{} \n frame 181 27 00 \n +100 ! drives", lost(stops)));
 }
