@@ -52,7 +52,7 @@ mod wheels;
 pub use cia402::{Cia402, Cia402Config, VelocityUnit};
 pub use config::{
     Axis, BusConfig, Config, ConfigError, Drive, EposConfig, HomingRelease, IclaConfig, Node, PauseStop,
-    PropulsionConfig, PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, Stop, StopInput,
+    PropulsionConfig, PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, Stop, StopInput, UnbrakedStop,
 };
 pub use feed_output::{GpioConfig, OutputConfig};
 pub use keys::ControllerConfig;
