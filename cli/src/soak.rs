@@ -17,6 +17,7 @@ use robot::topology::{virtual_machine, virtual_machine_recorded};
 use serde_json::json;
 use settings::robot::Geometry;
 use sim::check::Limits;
+use sim::check::wire::Protocol;
 use sim::host::{self, Virtual};
 use sim::soak::{self, Behaviour, Disk, Fault, Goals, Report, Scenario, Shares, Stage, Touches, draw, shrink};
 use simulator::world::World;
@@ -85,6 +86,8 @@ thread_local! {
     static EPISODE: Cell<u64> = const { Cell::new(0) };
 }
 
+/// Fault of a drive that its own checks find.
+const FAULT: &str = "fault";
 /// Fault of a wheel that only one on a serial line has.
 const GARBLED: &str = "garbled";
 
@@ -208,8 +211,16 @@ impl Robot {
         };
         let mut lines: Vec<&str> = limits.wheels.iter().filter_map(|wheel| wheel.drive.line()).collect();
         lines.dedup();
+        // An error of a RoboClaw remains until somebody restarts it, which no operator of a soak does.
+        let is_roboclaw = |name: &str| {
+            let own = limits.wheels.iter().find(|wheel| wheel.name == name);
+            own.is_some_and(|wheel| matches!(wheel.drive.protocol, Protocol::RoboClaw { .. }))
+        };
         // What a drive on a serial line can have, and what only one there can.
         let can_have = |target: &str, fault: &str| {
+            if is_roboclaw(target) && fault == FAULT {
+                return false;
+            }
             let offers = || offered.iter().any(|(name, faults)| name == target && faults.contains(&fault));
             match wheels.contains(&target) {
                 true if on_line(target) => offers(),

@@ -774,7 +774,7 @@ impl Canbus {
         let guard = self.protection.objection(now).map(Objection::Guard);
         let speed = speed.or(self.agreement.stops.then_some(Objection::Speed(Hold::WheelsDisagree)));
         let devices = bus.into_iter().chain(second_master).chain(speed).chain(pauses).chain(drives);
-        let devices = devices.chain(parameters);
+        let devices = devices.chain(self.stop_watch.stood()).chain(parameters);
         // Homing last: if it is the only objection, the steering may be moved to resolve it.
         devices.chain(state).chain(around).chain(guard).chain(refused).chain(not_homed.map(Objection::NotHomed))
     }

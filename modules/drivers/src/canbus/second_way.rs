@@ -128,7 +128,12 @@ impl StopWatch {
             Way::Output(output) => output.objection(),
             Way::None => None,
         };
-        self.latched.or_else(of_way).map(Objection::Speed)
+        self.latched.filter(|hold| *hold != Hold::WheelStood).or_else(of_way).map(Objection::Speed)
+    }
+
+    /// The objection that remains of a wheel that stood, when its drive has none any more.
+    pub(super) fn stood(&self) -> Option<Objection> {
+        self.latched.filter(|hold| *hold == Hold::WheelStood).map(Objection::Speed)
     }
 
     fn output(&self) -> Option<&FeedOutput> {
@@ -266,6 +271,8 @@ impl Canbus {
         let Some(wheel) = self.wheels.get_mut(number).filter(|wheel| !wheel.is_cut()) else { return };
         wheel.cut();
         let what = format!("{what}: the {} drive is switched off, and the wheel rolls", wheel.axis.name());
+        // The fault may have been reported already, as a wheel that does not stop.
+        out.say(Level::Warning, &what);
         out.raise(Severity::Error, Fault::StopFailed, "", what);
         self.stop_watch.latched = Some(Hold::SpeedExceeded);
     }
