@@ -113,14 +113,14 @@ fn a_motor_controller_that_is_commanded_too_long_is_found() {
         let keep = both.clone();
         machine.observe(move |now, news| keep.borrow_mut().iter_mut().for_each(|rules| rules.observe(now, news)));
         machine.keep(watchdog::NAME).unwrap();
-        let begin = base::Instant::from_secs(12);
+        let begin = base::Instant::from_millis(12_000);
         for n in 0..40_u32 {
             let (priority, source) = (messages::lowlevel::CmdMotion::REMOTE, "test".into());
             let speed = if n < 2 { 0.0 } else { 0.25 };
             let command = messages::lowlevel::CmdMotion { timestamp: 0, speed, steering: 0.0, priority, source };
             machine.inject(begin + n * Duration::from_millis(50), command);
         }
-        machine.run_until(base::Instant::from_secs(16));
+        machine.run_until(base::Instant::from_millis(16_000));
         let broken = both.borrow().each_ref().map(|rules| rules.violation().map(|violation| violation.rule));
         assert_eq!(broken, [None, Some("fresh")], "{rover:?}");
         assert!(both.borrow()[0].setpoints() > 50, "{rover:?}: it stands");
