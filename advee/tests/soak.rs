@@ -4,6 +4,8 @@
 //! `SOAK_HOURS=20 SOAK_SEED=7 cargo test -p advee --test soak shipped` runs it longer.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+#[path = "support/rovers.rs"]
+mod rovers;
 #[path = "support/by_sheets.rs"]
 mod sheets;
 
@@ -13,7 +15,9 @@ use messages::Message;
 use robot::checks;
 use robot::config;
 use robot::place::RobotLocation;
-use robot::topology::virtual_machine_recorded;
+use robot::topology::{virtual_machine, virtual_machine_recorded};
+use rovers::Rover;
+use sim::check::Checkers;
 use sim::host::News;
 use sim::soak::{Disk, Fault, Kind, Scenario, Stage, draw, episode, shrink};
 use std::cell::RefCell;
@@ -65,6 +69,61 @@ fn the_shipped_scenario_holds_for_robots_with_other_bases() {
         // Of each wheel, and nothing of what it does not have.
         assert!(report.faults.contains_key("drive_silent"), "{name}: {:?}", report.faults);
         assert!(!report.faults.contains_key("sonar_blind"), "{name}: {:?}", report.faults);
+    }
+}
+
+/// The rover on each motor controller that is no ODrive.
+const CONTROLLERS: [Rover; 3] = [Rover::VescsOnCan, Rover::VescsOnUarts, Rover::RoboClaw];
+
+/// `SOAK_HOURS` and `SOAK_SEED` as above.
+#[test]
+fn the_shipped_scenario_holds_for_motor_controllers_on_can_and_serial_lines() {
+    let scenario = shipped();
+    let (hours, seed) = (number("SOAK_HOURS").unwrap_or(0.3), number("SOAK_SEED").unwrap_or(1.0) as u64);
+    let episodes = (hours * 3600.0 / scenario.episode().as_secs_f64()).ceil() as u64;
+    for rover in CONTROLLERS {
+        let folder = rover.folder("soak");
+        let place = RobotLocation { config: folder.path.clone(), ..place("hall") };
+        let robot = Robot::new(place, scenario.clone(), seed).expect("the shipped scenario");
+        let report = robot.many(episodes, 2, &Progress::none()).unwrap();
+        assert_eq!(report.violations, [], "{rover:?}: seed {seed}");
+        let hours = report.time.as_secs_f64() / 3600.0;
+        assert!(report.figures.distance > 50.0 * hours, "{rover:?}: {} m: it stands", report.figures.distance);
+        // Of its own lines, and nothing that nobody can do to it.
+        let has = |begin: &str| report.faults.keys().any(|kind| kind.starts_with(begin));
+        let on_can = rover == Rover::VescsOnCan;
+        for (begin, is_due) in [("drive_line_", !on_can), ("can_", on_can), ("drive_silent", true), ("sonar_", false)] {
+            assert_eq!(has(begin), is_due, "{rover:?} {begin}: {:?}", report.faults);
+        }
+        assert!(on_can || !has("foreign_node_stop") && !has("foreign_set_point"), "{rover:?}: {:?}", report.faults);
+    }
+}
+
+/// Whether each robot is found that does not stop its wheels, by the rules that read its traffic: a driver whose
+/// commands live for 250 ms, judged as one whose commands must live for 50 ms.
+#[test]
+fn a_motor_controller_that_is_commanded_too_long_is_found() {
+    for rover in CONTROLLERS {
+        let folder = rover.folder("too-long");
+        let place = RobotLocation { config: folder.path.clone(), ..place("empty") };
+        let limits = checks::limits(&place, Duration::from_secs(2)).expect("drives that can be judged");
+        let strict = sim::check::Limits { ttl: Duration::from_millis(50), ..limits.clone() };
+        let both = Rc::new(RefCell::new([limits, strict].map(Checkers::new)));
+        let mut machine = virtual_machine(&place, sim::host::Config::default()).expect("a good configuration");
+        let keep = both.clone();
+        machine.observe(move |now, news| keep.borrow_mut().iter_mut().for_each(|rules| rules.observe(now, news)));
+        machine.keep(watchdog::NAME).unwrap();
+        let begin = base::Instant::from_millis(12_000);
+        for n in 0..40_u32 {
+            let (priority, source) = (messages::lowlevel::CmdMotion::REMOTE, "test".into());
+            let speed = if n < 2 { 0.0 } else { 0.25 };
+            let command = messages::lowlevel::CmdMotion { timestamp: 0, speed, steering: 0.0, priority, source };
+            machine.inject(begin + n * Duration::from_millis(50), command);
+        }
+        machine.run_until(base::Instant::from_millis(16_000));
+        let broken = both.borrow().each_ref().map(|rules| rules.violation().map(|violation| violation.rule));
+        assert_eq!(broken, [None, Some("fresh")], "{rover:?}");
+        assert!(both.borrow()[0].setpoints() > 50, "{rover:?}: it stands");
     }
 }
 
@@ -255,12 +314,21 @@ fn every_kind_of_fault_of_the_shipped_scenario_has_an_effect() {
     let courier = RobotLocation { config: root().join("conf/courier"), ..shipped.clone() };
     let mut oriented = courier.clone();
     oriented.sets.extend(["imu.base.model=witmotion", "imu.base.port=imu-base"].map(String::from));
-    let places = [&shipped, &courier, &oriented];
+    // Its drives are on serial lines.
+    let folder = Rover::VescsOnUarts.folder("effects");
+    let on_lines = RobotLocation { config: folder.path.clone(), ..shipped.clone() };
+    let places = [&shipped, &courier, &oriented, &on_lines];
     let without = places.map(|place| effect_on(place, &scenario, std::slice::from_ref(&kill)).0);
     for kind in &scenario.kinds {
-        let robot = ["lidar", "imu"].iter().position(|name| kind.name.starts_with(name)).map_or(0, |place| place + 1);
+        let of = ["lidar", "imu", "drive_line", "drive_garbled"];
+        let robot = of.iter().position(|name| kind.name.starts_with(name)).map_or(0, |place| (place + 1).min(3));
         let (place, without) = (places[robot], without[robot]);
-        let (target, fault) = (kind.targets[0].clone(), kind.fault.clone());
+        let target = match (robot, kind.targets[0].as_str()) {
+            (3, "serial") => "serial.left".into(),
+            (3, _) => "left".into(),
+            (_, target) => target.to_owned(),
+        };
+        let fault = kind.fault.clone();
         let fault =
             Fault { at, kind: kind.name.clone(), target, fault, value: kind.value.1, lasts: kind.lasts.1.min(15.0) };
         assert_ne!(effect_on(place, &scenario, &[fault, kill.clone()]).0, without, "{}", kind.name);

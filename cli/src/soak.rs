@@ -17,6 +17,7 @@ use robot::topology::{virtual_machine, virtual_machine_recorded};
 use serde_json::json;
 use settings::robot::Geometry;
 use sim::check::Limits;
+use sim::check::wire::Protocol;
 use sim::host::{self, Virtual};
 use sim::soak::{self, Behaviour, Disk, Fault, Goals, Report, Scenario, Shares, Stage, Touches, draw, shrink};
 use simulator::world::World;
@@ -84,6 +85,11 @@ thread_local! {
     /// The episode that this thread runs.
     static EPISODE: Cell<u64> = const { Cell::new(0) };
 }
+
+/// Fault of a drive that its own checks find.
+const FAULT: &str = "fault";
+/// Fault of a wheel that only one on a serial line has.
+const GARBLED: &str = "garbled";
 
 /// Fewer faults are sought with at most so many runs.
 const TRIES: u32 = 200;
@@ -200,12 +206,36 @@ impl Robot {
         let offered = preflight::faults(&place)?;
         let wheels: Vec<&str> = limits.wheels.iter().map(|wheel| wheel.name.as_str()).collect();
         let has = |target: &str| offered.iter().any(|(name, _)| name == target);
+        let on_line = |name: &str| {
+            limits.wheels.iter().find(|wheel| wheel.name == name).is_some_and(|wheel| wheel.drive.line().is_some())
+        };
+        let mut lines: Vec<&str> = limits.wheels.iter().filter_map(|wheel| wheel.drive.line()).collect();
+        lines.dedup();
+        // An error of a RoboClaw remains until somebody restarts it, which no operator of a soak does.
+        let is_roboclaw = |name: &str| {
+            let own = limits.wheels.iter().find(|wheel| wheel.name == name);
+            own.is_some_and(|wheel| matches!(wheel.drive.protocol, Protocol::RoboClaw { .. }))
+        };
+        // What a drive on a serial line can have, and what only one there can.
+        let can_have = |target: &str, fault: &str| {
+            if is_roboclaw(target) && fault == FAULT {
+                return false;
+            }
+            let offers = || offered.iter().any(|(name, faults)| name == target && faults.contains(&fault));
+            match wheels.contains(&target) {
+                true if on_line(target) => offers(),
+                true => fault != GARBLED,
+                false => true,
+            }
+        };
         // Of a robot like the reference one, which may have lidars and inertial units, a scenario names what there is:
         // another name is a mistake.
         let is_other = limits.base.is_some() || limits.tread_ratio > 1.0;
         let is_due = |target: &str| !is_other && !target.starts_with("lidar.") && !target.starts_with("imu.");
-        let (scenario, without) = scenario.suited(&wheels, |target| has(target) || is_due(target));
-        let without = if is_other { without } else { BTreeSet::new() };
+        let (scenario, without) = scenario
+            .suited(&wheels, &lines, |target, fault| (has(target) || is_due(target)) && can_have(target, fault));
+        let is_absent = |target: &String| is_other && !has(target);
+        let without = without.into_iter().filter(is_absent).collect();
         let scenario = Scenario { operator: behaviour(&place, scenario.operator)?, ..scenario };
         let config = config::Config::load(&place.config, place.sim, &place.sets)?;
         let run = config.modules.iter().filter(|module| module.name() != logger::NAME);

@@ -135,6 +135,9 @@ holds! {
     /// No motion of the base has the speeds that its wheels measure; it lasts until the robot stands. No subject.
     WheelsDisagree = 236, "the wheels contradict each other",
         "Check encoders, wheels and their order on the bus; then command zero first.";
+    /// The only driven wheel was measured to stand although it was to turn: its encoder may be dead. No subject.
+    WheelStood = 237, "the driven wheel stood although it was commanded to turn",
+        "Free the robot, or check the wheel's encoder; then command driver_canbus to RUN by hand.";
 
     /// A module without which the robot must not move does not run. Subject: the module.
     CriticalModule = 301, "critical module {} is not running",
@@ -335,6 +338,7 @@ impl Hold {
                 | Self::SpeedExceeded
                 | Self::FeedCut
                 | Self::FeedOff
+                | Self::WheelStood
                 | Self::ModulePaused
                 | Self::ModuleStopped
                 | Self::HomingFailed

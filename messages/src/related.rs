@@ -97,6 +97,7 @@ impl Hold {
             Self::SpeedExceeded => const { &[any(Fault::SpeedExceeded)] },
             Self::FeedCut => const { &[any(Fault::StopFailed)] },
             Self::SecondWayLost => const { &[any(Fault::SecondWayLost)] },
+            Self::WheelStood => const { &[any(Fault::DriveFault)] },
             Self::WheelsDisagree => const { &[any(Fault::WheelsDisagree)] },
 
             Self::CriticalModule | Self::PlannerModule | Self::ModuleSilent => &MODULE,

@@ -10,6 +10,7 @@ use canopen::pdo::Mapped;
 use drivers::rs485_bus::Node;
 use drivers::{canbus, power, rs485a};
 use module::admission::Policy;
+use motorctl::{can, serial};
 use navitools::Pose;
 use settings::robot::Base;
 use sim::check::{self, Guarded, Limits, Promise, RangingBoard, SeeingLidar, Sight, StopReport, wire};
@@ -24,6 +25,9 @@ const STATUSWORD: u16 = 0x6041;
 /// Target position, target velocity.
 const TARGETS: [u16; 2] = [0x607A, 0x60FF];
 
+/// Low byte of the controlword of a quick stop (CiA 402-2): what the rules read of a motor controller that has one.
+const QUICK_STOP: u8 = 0x0B;
+
 /// Angle to the robot's axis within which a sonar looks forward, or backward, rad.
 const LOOKS_RAD: f64 = 1.3;
 
@@ -36,40 +40,62 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
     let robot = &config.robot;
     let driver = topology::canbus(place, &config, false)?;
     let simulated = simulated::config(place, World::default(), robot, false)?;
-    let on_line = simulated.drive_lines.iter().flat_map(|line| &line.motors).map(|motor| motor.name.as_str()).next();
-    let of_can = simulated.can.iter().flat_map(|can| &can.drives);
-    let is_controller = |drive: &DriveConfig| matches!(drive.kind, DriveKind::Controller { .. });
-    let mut vescs = of_can.filter(|drive| is_controller(drive) && drive.kind.odrive().is_none());
-    if let Some(name) = vescs.next().map(|drive| drive.name.as_str()).or(on_line) {
-        let why = format!("checks: the {name} drive is no CANopen drive and no ODrive; the rules judge only those");
-        return Err(ConfigError(vec![why]));
-    }
     let policy = topology::policy(&config);
-    let missing = || ConfigError(vec!["checks: robot.toml has no [can.<bus>] with the drives of its base".into()]);
-    let can = simulated.can.ok_or_else(missing)?;
+    let missing = || ConfigError(vec!["checks: robot.toml has no drives of its base that the rules can read".into()]);
+    let is_controller = |drive: &DriveConfig| matches!(drive.kind, DriveKind::Controller { .. });
+    let on_can = simulated.can.as_ref().map_or(&[][..], |can| &can.drives);
+    let circumference = robot.geometry.wheel_circumference_m();
     let node = |drive: &DriveConfig| driver.nodes().find(|node| node.id == drive.node);
     let is_steering = |drive: &&DriveConfig| drive.kind.axis() == Axis::Steering;
-    let wheels = can.drives.iter().filter(|drive| !is_steering(drive)).map(|drive| {
-        let (on_wire, stop_word) = match drive.kind.odrive() {
-            Some((node, endpoints)) => (wire::Drive::can_simple(node, endpoints.enable_watchdog), 0),
-            None => {
-                let node = node(drive)?;
-                (on_wire(node)?, node.stop.as_ref().and_then(|stop| stop.value.first().copied()).unwrap_or(0))
+    let mut wheels = Vec::new();
+    for drive in on_can.iter().filter(|drive| !is_steering(drive)) {
+        let (on_wire, stop_word) = match &drive.kind {
+            DriveKind::Controller { device: can::Device::Odrive(device), .. } => {
+                (wire::Drive::can_simple(device.node, device.endpoints.enable_watchdog), 0)
+            }
+            DriveKind::Controller { device: can::Device::Vesc { device, host }, .. } => (
+                wire::Drive::of_controller(wheels.len() as u8, wire::Protocol::VescOnCan(vesc(device, *host))),
+                QUICK_STOP,
+            ),
+            _ => {
+                let node = node(drive).ok_or_else(missing)?;
+                let stop_word = node.stop.as_ref().and_then(|stop| stop.value.first().copied()).unwrap_or(0);
+                (on_wire(node).ok_or_else(missing)?, stop_word)
             }
         };
-        Some(wire::Wheel {
-            name: drive.name.clone(),
-            drive: on_wire,
-            stop_word,
-            units_per_mps: units_per_mps(drive, robot.geometry.wheel_circumference_m()),
-        })
-    });
-    let wheels = wheels.collect::<Option<Vec<_>>>().filter(|wheels| !wheels.is_empty()).ok_or_else(missing)?;
-    let steering_drive = can.drives.iter().find(is_steering);
+        let units_per_mps = units_per_mps(drive, circumference);
+        wheels.push(wire::Wheel { name: drive.name.clone(), drive: on_wire, stop_word, units_per_mps });
+    }
+    for line in &simulated.drive_lines {
+        for (motor, number) in line.motors.iter().zip(0_u8..) {
+            let name = line.bus.clone();
+            let (protocol, units_per_turn) = match &line.device {
+                serial::Device::Vesc(device) => {
+                    (wire::Protocol::VescOnUart { line: name, vesc: vesc(device, 0) }, erpm_per_turn(device))
+                }
+                serial::Device::RoboClaw(device) => {
+                    let of = wire::RoboClaw { address: device.address, motor: number };
+                    let counts = device.counts_per_turn.get(usize::from(number)).copied();
+                    (wire::Protocol::RoboClaw { line: name, of }, counts.unwrap_or(f64::NAN))
+                }
+            };
+            wheels.push(wire::Wheel {
+                name: motor.name.clone(),
+                drive: wire::Drive::of_controller(wheels.len() as u8, protocol),
+                stop_word: QUICK_STOP,
+                units_per_mps: units_per_turn * motor.gear / circumference,
+            });
+        }
+    }
+    if wheels.is_empty() {
+        return Err(missing());
+    }
+    let steering_drive = on_can.iter().find(is_steering);
     let steering = steering_drive.map(|drive| node(drive).and_then(on_wire).ok_or_else(missing)).transpose()?;
     let base = robot.base.as_ref().map(|base| base_limits(base, robot)).transpose()?;
     let homes_at_start = |bus: &CanBus| {
-        can.bus == format!("can.{}", bus.name) && bus.driver.homing_release == canbus::HomingRelease::Start
+        let is_theirs = simulated.can.as_ref().is_some_and(|can| can.bus == format!("can.{}", bus.name));
+        is_theirs && bus.driver.homing_release == canbus::HomingRelease::Start
     };
     Ok(Limits {
         driver: canbus::NAME.into(),
@@ -103,11 +129,12 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
         speed_manual: robot.limits.speed_manual_mps,
         speed_autonomous: robot.limits.speed_autonomous_mps,
         quick_stop: robot.limits.quick_stop_mps2,
-        coasting: can.drives.iter().any(is_controller).then_some(robot.stop.coasting_mps2),
+        coasting: (on_can.iter().any(is_controller) || !simulated.drive_lines.is_empty())
+            .then_some(robot.stop.coasting_mps2),
         ttl: robot.limits.command_ttl,
         ranging: ranging(robot),
         homing_at_start: robot.can.iter().any(homes_at_start),
-        bus: can.bus.clone(),
+        bus: simulated.can.as_ref().map(|can| can.bus.clone()).unwrap_or_default(),
         guard: (robot.guard.ranging != ::guard::Ranging::None)
             .then(|| Guarded { module: ::guard::NAME.into(), creep_mps: robot.guard.creep }),
         promise: robot.guard.ranging.has_sonars().then_some(Promise {
@@ -141,10 +168,25 @@ fn units_per_mps(drive: &DriveConfig, circumference: f64) -> f64 {
     match &drive.kind {
         DriveKind::Cia402(own) => own.velocity_units(drive.node, circumference),
         DriveKind::Epos { gear, .. } => 60.0 * gear / circumference,
-        // Turns/s of the motor.
-        DriveKind::Controller { gear, .. } => gear / circumference,
+        // Turns/s of the motor; ERPM of a VESC.
+        DriveKind::Controller { gear, device, .. } => match device {
+            can::Device::Odrive(_) => gear / circumference,
+            can::Device::Vesc { device, .. } => erpm_per_turn(device) * gear / circumference,
+        },
         DriveKind::Icla(_) => f64::NAN,
     }
+}
+
+/// ERPM at one motor turn per second: revolutions per minute of the field.
+fn erpm_per_turn(device: &motorctl::vesc::Device) -> f64 {
+    60.0 * f64::from(device.pole_pairs)
+}
+
+/// A VESC as the rules read it.
+fn vesc(device: &motorctl::vesc::Device, host: u8) -> wire::Vesc {
+    let [hold_ma, quick_stop_ma] =
+        [device.hold_current_a, device.quick_stop_current_a].map(|current| (current * 1000.0).round() as i32);
+    wire::Vesc { id: device.id, host, hold_ma, quick_stop_ma }
 }
 
 /// Where the PDOs of a node have controlword, target and statusword; none: they have not all of them in whole bytes.

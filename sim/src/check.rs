@@ -104,7 +104,7 @@ pub struct Limits {
     pub estimator: Option<String>,
     /// Who may command.
     pub commands: Commands,
-    /// The drives' bus: `can.main`.
+    /// The drives' bus: `can.main`; empty without one.
     pub bus: String,
     /// The propulsion: the driven axle, or each wheel of a base that does not steer.
     pub wheels: Vec<wire::Wheel>,
@@ -151,6 +151,11 @@ pub struct Limits {
 }
 
 impl Limits {
+    /// True for the bus of the drives, or the serial line of one.
+    fn is_bus(&self, target: &str) -> bool {
+        target == self.bus || self.wheels.iter().any(|wheel| wheel.drive.line() == Some(target))
+    }
+
     /// Number of the wheel whose drive has this RPDO.
     fn wheel(&self, rpdo: u16) -> Option<usize> {
         self.wheels.iter().position(|wheel| wheel.drive.command.id == rpdo)
@@ -231,6 +236,7 @@ type Verdict = Result<(), String>;
 #[derive(Debug)]
 pub struct Checkers {
     facts: Facts,
+    listener: wire::Listener,
     pace: Pace,
     authority: authority::Rule,
     blind: blind::Rule,
@@ -268,6 +274,7 @@ impl Checkers {
             foreign: foreign::Rule::new(limits.ttl),
             stop: stop::Rule::new(limits.wheels.len()),
             promise: promise::Rule::new(&limits.ranging),
+            listener: wire::Listener::new(&limits.wheels),
             facts: Facts::new(limits),
             authority: authority::Rule::default(),
             body: body::Rule::default(),
@@ -345,15 +352,39 @@ impl Checkers {
             return;
         }
         self.facts.observe(now, news);
-        if let Err((rule, what)) = self.judge(now, news) {
+        let judged = self.judge(now, news);
+        if let Err((rule, what)) = judged.and_then(|()| self.judge_telegrams(now, news)) {
             self.violation = Some(Violation { at: now, rule, what });
         }
+    }
+
+    /// Judges what motor controllers are sent and report that are no CANopen nodes.
+    fn judge_telegrams(&mut self, now: Instant, news: &News<'_>) -> Result<(), (&'static str, String)> {
+        let telegrams = match news {
+            News::Can { bus, pid, frame } if *bus == self.facts.limits.bus && *pid != 0 => {
+                self.listener.on_frame(frame)
+            }
+            News::Words { bus, pid, words } => self.listener.on_words(bus, self.facts.driver.pid == Some(*pid), words),
+            News::CanLost { bus, frame } if *bus == self.facts.limits.bus => {
+                let lost = self.listener.on_frame_lost(frame);
+                lost.into_iter().for_each(|id| self.drives.on_frame_lost(id));
+                return Ok(());
+            }
+            _ => return Ok(()),
+        };
+        telegrams.into_iter().try_for_each(|(id, data)| {
+            self.facts.on_frame(now, id, &data);
+            self.on_frame(now, id, &data)
+        })
     }
 
     fn judge(&mut self, now: Instant, news: &News<'_>) -> Result<(), (&'static str, String)> {
         let facts = &self.facts;
         match news {
-            News::Can { bus, pid, frame } if *bus == facts.limits.bus && *pid != 0 => self.on_frame(now, frame),
+            News::Can { bus, pid, frame } if *bus == facts.limits.bus && *pid != 0 => match frame.id() {
+                Id::Standard(id) => self.on_frame(now, id, frame.data()),
+                Id::Extended(_) => Ok(()),
+            },
             News::Can { bus, frame, .. } if *bus == facts.limits.bus => {
                 self.rival.on_foreign(now, frame, facts);
                 Ok(())
@@ -434,16 +465,15 @@ impl Checkers {
         }
     }
 
-    fn on_frame(&mut self, now: Instant, frame: &Frame) -> Result<(), (&'static str, String)> {
-        let Id::Standard(id) = frame.id() else { return Ok(()) };
+    fn on_frame(&mut self, now: Instant, id: u16, data: &[u8]) -> Result<(), (&'static str, String)> {
         let Some(wheel) = self.facts.limits.wheel(id) else {
-            named("stop", self.stop.on_frame(now, id, frame.data(), &self.facts))?;
-            self.drives.on_frame(now, id, frame.data(), &self.facts);
-            self.feed.on_frame(id, frame.data(), &self.facts);
-            self.released.on_frame(now, id, frame.data(), &self.facts);
+            named("stop", self.stop.on_frame(now, id, data, &self.facts))?;
+            self.drives.on_frame(now, id, data, &self.facts);
+            self.feed.on_frame(id, data, &self.facts);
+            self.released.on_frame(now, id, data, &self.facts);
             return Ok(());
         };
-        if self.facts.limits.wheels[wheel].drive.commanded(frame.data()).is_none() {
+        if self.facts.limits.wheels[wheel].drive.commanded(data).is_none() {
             return Err(("fresh", "a short RPDO".into()));
         }
         let left_over = self.facts.is_left_over(now);

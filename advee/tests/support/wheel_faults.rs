@@ -11,7 +11,7 @@ use module::State;
 use robot::config::SIMULATOR;
 use robot::place::RobotLocation;
 use robot::topology::virtual_machine;
-use sim::check::wire::Drive;
+use sim::check::wire::{Drive, Heartbeat};
 use sim::check::{Limits, wire};
 use sim::host::{Config, News, Virtual};
 use simulator::Random;
@@ -42,6 +42,9 @@ const TOO_FAST: (f64, f64) = (0.3, 0.8);
 const SPEED: (f64, f64) = (0.15, 0.45);
 /// Way to the planner's goal, m.
 const GOAL: f64 = 3.5;
+/// CiA 402-2, statusword: operation enabled, and the bits that show it.
+const OPERATION_ENABLED: u16 = 0x27;
+const STATUS_MASK: u16 = 0x6F;
 /// Middle of `conf/worlds/empty.toml`, where the robot starts.
 const START: (f64, f64) = (10.0, 6.0);
 /// Name of the steering among the drives.
@@ -206,8 +209,24 @@ struct Seen {
     before: Vec<f64>,
     stopped: Vec<Option<Instant>>,
     slower: Vec<Option<Instant>>,
-    /// When each ceased to turn for the last time.
-    ended: Vec<Option<Instant>>,
+    /// The drive of which another motion must not begin, and what it reports of that.
+    victim: Option<Drive>,
+    absence: Absence,
+    /// While that is absent: when each ceased to turn for the last time, and whether it still turned when that was back.
+    ended_without: Vec<Option<Instant>>,
+    turns_on: Vec<bool>,
+}
+
+/// Whether a drive is enabled since the fault.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum Absence {
+    /// It has reported nothing else yet.
+    #[default]
+    Unseen,
+    /// It is not enabled.
+    Seen,
+    /// It is enabled again.
+    Over,
 }
 
 impl Seen {
@@ -221,6 +240,7 @@ impl Seen {
 
     fn on_frame(&mut self, now: Instant, frame: &Frame) {
         let Id::Standard(id) = frame.id() else { return };
+        self.watch_victim(id, frame.data());
         for (wheel, drive) in self.drives.iter().enumerate() {
             let Some(turns) = drive.turns(id, frame.data()) else { continue };
             let turned = std::mem::replace(&mut self.turns[wheel], turns);
@@ -234,11 +254,29 @@ impl Seen {
             }
             if !turns {
                 self.stopped[wheel].get_or_insert(now);
-                self.ended[wheel] = if turned { Some(now) } else { self.ended[wheel] };
+                if turned && self.absence != Absence::Over {
+                    self.ended_without[wheel] = Some(now);
+                }
             }
             if self.targets[wheel].abs() < OBEYS * self.before[wheel].abs() {
                 self.slower[wheel].get_or_insert(now);
             }
+        }
+    }
+
+    /// A frame of the drive that is not enabled for a motion that begins.
+    fn watch_victim(&mut self, id: u16, data: &[u8]) {
+        let Some(victim) = self.victim.as_ref().filter(|_| self.since.is_some()) else { return };
+        let restarts = victim.heartbeat(id, data) == Some(Heartbeat::Down);
+        let enabled = victim.reported(id, data).map(|status| status & STATUS_MASK == OPERATION_ENABLED);
+        match (self.absence, enabled) {
+            (Absence::Unseen, Some(false)) => self.absence = Absence::Seen,
+            (Absence::Unseen, _) if restarts => self.absence = Absence::Seen,
+            (Absence::Seen, Some(true)) => {
+                self.absence = Absence::Over;
+                self.turns_on.clone_from(&self.turns);
+            }
+            _ => {}
         }
     }
 
@@ -248,7 +286,9 @@ impl Seen {
         self.since = Some(now);
         self.before.clone_from(&self.targets);
         self.stopped = self.turns.iter().map(|turns| (!turns).then_some(now)).collect();
-        (self.slower, self.ended) = (vec![None; wheels], self.stopped.clone());
+        self.slower = vec![None; wheels];
+        (self.absence, self.ended_without, self.turns_on) =
+            (Absence::Unseen, self.stopped.clone(), vec![false; wheels]);
     }
 }
 
@@ -353,6 +393,7 @@ impl Subject {
             bus: self.limits.bus.clone(),
             turns: vec![false; wheels],
             targets: vec![0.0; wheels],
+            victim: (fault.kind == Kind::NotEnabled).then(|| self.victim(fault)).flatten(),
             ..Seen::default()
         }));
         let keep = seen.clone();
@@ -372,6 +413,12 @@ impl Subject {
         }
         machine.run_until(since + OBSERVED);
         self.judge(fault, since, &seen.borrow())
+    }
+
+    /// The drive that is not enabled.
+    fn victim(&self, fault: &Fault) -> Option<Drive> {
+        let of_wheel = self.limits.wheels.iter().find(|wheel| wheel.name == fault.target).map(|wheel| &wheel.drive);
+        of_wheel.or(self.limits.steering.as_ref()).cloned()
     }
 
     /// Commands the motion; answers when the fault is due.
@@ -420,9 +467,10 @@ impl Subject {
             // There is nothing to notice.
             return Outcome::Unmoved;
         }
-        // A drive that is lost to the end of the observation.
-        let is_lost = fault.kind == Kind::NotEnabled && fault.what.0 == "silent";
-        // Nothing resumes by itself. A drive that is not enabled may be, for the motion that begins.
+        // A drive that is not enabled: one that is silent to the end of the observation, another one until it says that
+        // it is enabled, for the motion that begins.
+        let is_lost = fault.kind == Kind::NotEnabled;
+        // Nothing resumes by itself.
         let is_over = !fault.kind.obeys() && fault.kind != Kind::NotEnabled;
         let stops = if fault.kind.obeys() { &seen.slower } else { &seen.stopped };
         let (mut worst, mut missed) = (None, Vec::new());
@@ -430,8 +478,13 @@ impl Subject {
             let turned = seen.before[wheel] != 0.0;
             match stops[wheel] {
                 // No wheel may begin to turn, or turn again.
-                _ if is_lost && seen.turns[wheel] => missed.push(wheels[wheel].name.clone()),
-                _ if is_lost => worst = worst.max(seen.ended[wheel].map(|at| at.since(since))),
+                _ if is_lost => {
+                    let returns = seen.absence == Absence::Over;
+                    if if returns { seen.turns_on[wheel] } else { seen.turns[wheel] } {
+                        missed.push(wheels[wheel].name.clone());
+                    }
+                    worst = worst.max(seen.ended_without[wheel].map(|at| at.since(since)));
+                }
                 Some(_) if is_over && seen.turns[wheel] => missed.push(wheels[wheel].name.clone()),
                 Some(at) if turned => worst = worst.max(Some(at.since(since))),
                 None if turned => missed.push(wheels[wheel].name.clone()),

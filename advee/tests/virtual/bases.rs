@@ -4,6 +4,8 @@
 use super::*;
 use messages::middlelevel;
 use messages::simulation::{CmdFault, DataTruth};
+use rovers::Rover;
+use std::path::PathBuf;
 
 /// Robots, the number of their wheels, and whether they go sideways.
 const ROBOTS: [(&str, u16, bool); 4] =
@@ -510,22 +512,15 @@ impl Base {
     }
 }
 
-/// The rover with a VESC for each wheel in place of its ODrives; the folder is removed afterwards.
+/// The rover with a VESC for each wheel in place of its ODrives.
 fn on_vescs(test: &str, then: impl FnOnce(&dyn Fn() -> Base)) {
-    let conf = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf");
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{test}-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).expect("a folder");
-    for file in ["modules.toml", "sim.toml"] {
-        std::fs::copy(conf.join("rover").join(file), folder.join(file)).expect("a copy");
-    }
-    let rover = std::fs::read_to_string(conf.join("rover/robot.toml")).expect("the rover");
-    let of_odrives = ["hardware", "firmware", "enable_watchdog", "watchdog_timeout"];
-    let lines = rover.lines().filter(|line| !of_odrives.iter().any(|key| line.starts_with(key)));
-    let vesc = "driver = \"vesc\"\npole_pairs = 7\nerpm_min = 60";
-    let robot: String = lines.map(|line| line.replace("driver = \"odrive\"", vesc) + "\n").collect();
-    std::fs::write(folder.join("robot.toml"), robot).expect("a file");
-    then(&|| Base::of(&folder, "rover on VESCs", 2, &conf.join("worlds/empty.toml"), &[]));
-    std::fs::remove_dir_all(folder).expect("the folder");
+    let folder = Rover::VescsOnCan.folder(test);
+    then(&|| Base::of(&folder.path, "rover on VESCs", 2, &empty_world(), &[]));
+}
+
+/// An empty hall.
+fn empty_world() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/worlds/empty.toml")
 }
 
 #[test]
@@ -584,49 +579,11 @@ enum Lines {
 impl Lines {
     const BOTH: [Self; 2] = [Self::Vescs, Self::RoboClaw];
 
-    /// Tables of `robot.toml` in place of `[can.main]`.
-    fn tables(self) -> String {
-        match self {
-            Self::Vescs => [("left", 1, 8), ("right", 2, -8)]
-                .map(|(axis, id, gear)| {
-                    format!(
-                        "[serial.{axis}]\nport = \"serial-{axis}\"\ndriver = \"vesc\"\naxis = \"{axis}\"\n\
-                         id = {id}\ngear = {gear}\npole_pairs = 7\nerpm_min = 60\n\n"
-                    )
-                })
-                .concat(),
-            Self::RoboClaw => "[serial.wheels]\nport = \"serial-wheels\"\ndriver = \"roboclaw\"\n\
-                               model = \"RoboClaw 2x15a v4.1.34\"\n\
-                               m1 = { axis = \"left\", gear = 8, counts_per_turn = 4096 }\n\
-                               m2 = { axis = \"right\", gear = -8, counts_per_turn = 4096 }\n\n\
-                               [stop.gpio]\nchip = \"feed\"\nline = 17\n\n"
-                .into(),
-        }
-    }
-
-    /// The rover without a CAN bus, in a folder that is removed afterwards.
+    /// The rover without a CAN bus.
     fn rover(self, test: &str, then: impl FnOnce(&dyn Fn() -> Base)) {
-        let conf = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf");
-        let name = format!("{test}-{self:?}-{}", std::process::id());
-        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
-        std::fs::create_dir_all(&folder).expect("a folder");
-        std::fs::copy(conf.join("rover/modules.toml"), folder.join("modules.toml")).expect("a copy");
-        let read = |file: &str| std::fs::read_to_string(conf.join("rover").join(file)).expect("the rover");
-        let without_bus = |file: &str, tables: &str| {
-            let text = read(file);
-            let (begin, end) =
-                (text.find("[can.main]").expect("a bus"), text.find("[rs485.b]").expect("the next table"));
-            [&text[..begin], tables, &text[end..]].concat()
-        };
-        let robot = without_bus("robot.toml", &self.tables());
-        let robot = match self {
-            Self::Vescs => robot,
-            Self::RoboClaw => robot.replace("second_way = \"none\"", "second_way = \"gpio\""),
-        };
-        std::fs::write(folder.join("robot.toml"), robot).expect("a file");
-        std::fs::write(folder.join("sim.toml"), without_bus("sim.toml", "")).expect("a file");
-        then(&|| Base::of(&folder, &format!("rover on {self:?}"), 2, &conf.join("worlds/empty.toml"), &[]));
-        std::fs::remove_dir_all(folder).expect("the folder");
+        let rover = if self == Self::Vescs { Rover::VescsOnUarts } else { Rover::RoboClaw };
+        let folder = rover.folder(test);
+        then(&|| Base::of(&folder.path, &format!("rover on {self:?}"), 2, &empty_world(), &[]));
     }
 
     /// The line of the right wheel.

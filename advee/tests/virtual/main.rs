@@ -20,6 +20,8 @@ mod loss;
 mod modes;
 mod patrol;
 mod power;
+#[path = "../support/rovers.rs"]
+mod rovers;
 #[path = "../support/stands.rs"]
 mod stands;
 mod stops;

@@ -307,3 +307,90 @@ fn a_slipping_encoder_of_the_steering_turns_it_no_farther_than_what_it_counts() 
         assert!((observed.truth.steering - 0.3 / counts).abs() < 0.006, "{counts}: {:?}", observed.truth);
     }
 }
+
+/// Greatest speed that the tug reaches, m/s, beyond the one commanded, when its only encoder counts backwards: until that
+/// is found, and its drive, which accelerates it, is switched off.
+const REVERSED_GAIN_MPS: f64 = 1.0;
+
+/// Nothing else cuts its motor's feed, and its drive carries out a quick stop by the encoder that is wrong.
+#[test]
+fn a_drive_whose_reversed_encoder_accelerates_the_only_wheel_is_switched_off_until_an_operator_acts() {
+    for (speed, moves) in [(0.3, true), (-0.3, true), (0.5, true), (0.3, false)] {
+        let (mut robot, news) = tug(&[]);
+        let what = format!("{speed} m/s, {}", if moves { "driving" } else { "from standstill" });
+        if moves {
+            robot.drive_anew(speed, 0.0, 3.5);
+            robot.pass(3.0);
+        }
+        let since = robot.machine.now();
+        let (target, fault) = ("propulsion".into(), "encoder".into());
+        robot.machine.inject(since, CmdFault { timestamp: 0, target, fault, value: -1.0, duration: 20.0 });
+        if !moves {
+            robot.drive_anew(speed, 0.0, 3.0);
+        }
+        {
+            let mut seen = news.borrow_mut();
+            seen.fastest = 0.0;
+            seen.errors.clear();
+        }
+        robot.pass(2.0);
+        let (fastest, errors) = (news.borrow().fastest, news.borrow().errors.clone());
+        let off = errors.iter().find(|(_, message)| message.contains("told to stop, the robot drives at"));
+        let took = off.map(|(at, _)| at.since(since));
+        println!("{what}: found after {took:?}, at most {fastest:.2} m/s");
+        assert!(took.is_some_and(|took| took < Duration::from_secs(2)), "{what}: {errors:?}");
+        assert!(fastest < speed.abs() + REVERSED_GAIN_MPS, "{what}: {fastest} m/s");
+        // It rolls out, whatever is commanded.
+        let rolls = news.borrow().truth.speed.abs();
+        robot.pass(2.0);
+        assert!(news.borrow().truth.speed.abs() < rolls - 0.1, "{what}: {:?}", news.borrow().truth);
+        robot.pass(12.0);
+        robot.drive_anew(speed, 0.0, 3.0);
+        robot.pass(3.0);
+        assert!(robot.speed().abs() < 0.001, "{what}: {} m/s", robot.speed());
+        assert_eq!(robot.hold(), Some(Hold::SpeedExceeded), "{what}");
+        // The encoder counts right again, and an operator lets it go.
+        robot.pass(3.0);
+        let run = messages::common::CmdState {
+            timestamp: 0,
+            module: "driver_canbus".into(),
+            state: State::Run as i8,
+            manual: true,
+            source: "test".into(),
+        };
+        robot.machine.inject(robot.machine.now(), run);
+        robot.pass(0.5);
+        robot.drive_anew(speed, 0.0, 4.0);
+        robot.pass(3.5);
+        assert!((robot.speed() - speed).abs() < 0.02, "{what}: {} m/s, {}", robot.speed(), robot.motion().reason);
+    }
+}
+
+/// A robot whose encoder is dead would accelerate unseen again at the next press.
+#[test]
+fn a_dead_encoder_of_the_only_driven_wheel_holds_the_robot_until_an_operator_acts() {
+    let (mut robot, news) = tug(&[]);
+    robot.drive_anew(0.3, 0.0, 8.0);
+    robot.pass(3.0);
+    let (target, fault) = ("propulsion".into(), "encoder".into());
+    let fault = CmdFault { timestamp: 0, target, fault, value: 0.0, duration: 16.0 };
+    robot.machine.inject(robot.machine.now(), fault);
+    robot.pass(1.5);
+    assert_eq!(robot.hold(), Some(Hold::WheelStood));
+    for _ in 0..2 {
+        robot.pass(6.0);
+        let before = news.borrow().truth.speed.abs();
+        robot.drive_anew(0.3, 0.0, 1.0);
+        robot.pass(1.0);
+        assert!(news.borrow().truth.speed.abs() <= before, "{before}: {:?}", news.borrow().truth);
+        assert_eq!(robot.hold(), Some(Hold::WheelStood));
+    }
+    robot.pass(2.0);
+    let (module, source) = ("driver_canbus".into(), "test".into());
+    let run = messages::common::CmdState { timestamp: 0, module, state: State::Run as i8, manual: true, source };
+    robot.machine.inject(robot.machine.now(), run);
+    robot.pass(0.5);
+    robot.drive_anew(0.3, 0.0, 4.0);
+    robot.pass(3.5);
+    assert!((robot.speed() - 0.3).abs() < 0.02, "{} m/s: {}", robot.speed(), robot.motion().reason);
+}

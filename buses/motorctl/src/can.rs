@@ -146,7 +146,9 @@ impl Emulated {
         match device {
             Device::Odrive(device) => Self::Odrive(odrive::device::Device::new(device)),
             Device::Vesc { device, .. } => {
-                Self::Vesc(vesc::device::Device::new(device, vesc::can::Link::device(device.id)))
+                let mut own = vesc::device::Device::new(device, vesc::can::Link::device(device.id));
+                own.fault_stop = vesc::device::FAULT_STOP;
+                Self::Vesc(own)
             }
         }
     }

@@ -196,7 +196,11 @@ impl Emulated {
     #[must_use]
     pub fn new(device: Device) -> Self {
         match device {
-            Device::Vesc(device) => Self::Vesc(vesc::device::Device::new(device, vesc::uart::Link::new())),
+            Device::Vesc(device) => {
+                let mut own = vesc::device::Device::new(device, vesc::uart::Link::new());
+                own.fault_stop = vesc::device::FAULT_STOP;
+                Self::Vesc(own)
+            }
             Device::RoboClaw(device) => Self::RoboClaw(roboclaw::device::Device::new(device)),
         }
     }

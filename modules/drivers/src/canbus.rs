@@ -52,7 +52,7 @@ mod wheels;
 pub use cia402::{Cia402, Cia402Config, VelocityUnit};
 pub use config::{
     Axis, BusConfig, Config, ConfigError, Drive, EposConfig, HomingRelease, IclaConfig, Node, PauseStop,
-    PropulsionConfig, PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, Stop, StopInput,
+    PropulsionConfig, PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, Stop, StopInput, UnbrakedStop,
 };
 pub use feed_output::{GpioConfig, OutputConfig};
 pub use keys::ControllerConfig;
@@ -774,7 +774,7 @@ impl Canbus {
         let guard = self.protection.objection(now).map(Objection::Guard);
         let speed = speed.or(self.agreement.stops.then_some(Objection::Speed(Hold::WheelsDisagree)));
         let devices = bus.into_iter().chain(second_master).chain(speed).chain(pauses).chain(drives);
-        let devices = devices.chain(parameters);
+        let devices = devices.chain(self.stop_watch.stood()).chain(parameters);
         // Homing last: if it is the only objection, the steering may be moved to resolve it.
         devices.chain(state).chain(around).chain(guard).chain(refused).chain(not_homed.map(Objection::NotHomed))
     }

@@ -8,7 +8,7 @@ use super::sources::{Asked, ROUNDING_MPS, Source, Sources};
 use super::wire::{Drive, Wheel};
 use super::{Base, Limits};
 use crate::host::News;
-use base::can::{Frame, Id};
+use base::can::Id;
 use base::{Duration, Instant};
 use messages::{Message, common, lowlevel, middlelevel};
 use module::State;
@@ -55,8 +55,8 @@ impl SetPoint {
         self.is_stop
     }
 
-    fn read(frame: &Frame, wheel: &Wheel) -> Option<Self> {
-        let command @ (controlword, target) = wheel.drive.commanded(frame.data())?;
+    fn read(data: &[u8], wheel: &Wheel) -> Option<Self> {
+        let command @ (controlword, target) = wheel.drive.commanded(data)?;
         let (moves, mps) = (Drive::moves(command), target / wheel.units_per_mps);
         Some(Self { controlword, moves, mps, is_stop: controlword == wheel.stop_word })
     }
@@ -328,7 +328,9 @@ impl Facts {
                 if self.driver.pid == Some(*pid) {
                     self.gap = now.since(std::mem::replace(&mut self.sent, now));
                 }
-                self.on_frame(now, frame);
+                if let Id::Standard(id) = frame.id() {
+                    self.on_frame(now, id, frame.data());
+                }
             }
             News::Heard { pid, at, sender, message }
                 if self.driver.pid == Some(*pid) && self.believes(*sender, message) =>
@@ -390,10 +392,11 @@ impl Facts {
         if is_drive && ["babble", "clash"].contains(&fault) {
             self.disturbed = self.disturbed.max(until + AFTERMATH);
         }
-        if target == self.limits.bus {
+        if self.limits.is_bus(target) {
             let until = if over { now } else { until };
             self.disturbed = if over { now + AFTERMATH } else { self.disturbed.max(until + AFTERMATH) };
-            if over || fault == "cut" {
+            // A serial line repeats nothing.
+            if target == self.limits.bus && (over || fault == "cut") {
                 self.cut = Some(until);
             }
         } else if target == "lcm" {
@@ -401,13 +404,14 @@ impl Facts {
             self.lcm = Some(self.lcm.filter(|_| !over).map_or(until, |before| before.max(until)));
         } else if is_wheel {
             match fault {
+                "garbled" => self.disturbed = self.disturbed.max(until + AFTERMATH),
                 "silent" => self.deaf = until + AFTERMATH,
                 "none" => self.deaf = now + AFTERMATH,
                 _ => {}
             }
             let until = if until == Instant::NEVER { now } else { until };
             self.rolls = self.rolls.max(until + COASTING_TIME);
-            if ["unbraked", "runaway"].contains(&fault) {
+            if ["unbraked", "runaway", "encoder", "swapped"].contains(&fault) {
                 self.disobeys = self.disobeys.max(until + AFTERMATH_OF_COMMAND);
             }
         } else if is_drive {
@@ -420,26 +424,29 @@ impl Facts {
         }
     }
 
-    fn on_frame(&mut self, now: Instant, frame: &Frame) {
-        let Id::Standard(id) = frame.id() else { return };
-        if let Some((number, status)) = self.limits.reported(id, frame.data())
+    /// A frame on the bus of the drives, or a telegram of one.
+    pub fn on_frame(&mut self, now: Instant, id: u16, data: &[u8]) {
+        if let Some((number, status)) = self.limits.reported(id, data)
             && status & STATE_MASK == OPERATION_ENABLED
         {
             self.powered[number] = now;
         }
-        if let Some(number) = self.limits.disarmed(id, frame.data()) {
+        if let Some(number) = self.limits.disarmed(id, data) {
             // Its last set-point moves nothing any more.
             self.wheels[number] = SetPoint::default();
             self.set_point = SetPoint::of(&self.wheels, self.wheels[number]);
             return;
         }
         let Some(number) = self.limits.wheel(id) else { return };
-        let Some(of_wheel) = SetPoint::read(frame, &self.limits.wheels[number]) else { return };
+        let Some(of_wheel) = SetPoint::read(data, &self.limits.wheels[number]) else { return };
         self.wheels[number] = of_wheel;
         let set_point = SetPoint::of(&self.wheels, of_wheel);
         let was = std::mem::replace(&mut self.set_point, set_point);
         if set_point.is_stop() {
-            self.on_stop(now, was);
+            // A motor controller is commanded in each period: that is the same stop.
+            if !was.is_stop() || !self.limits.repeats() {
+                self.on_stop(now, was);
+            }
         } else if let Some(speed) = set_point.speed().filter(|_| of_wheel.speed().is_some()) {
             self.moved = now;
             let asks = |source: &&Source| source.asks(now, self.slack_of_command(now, source), speed, f64::INFINITY);

@@ -5,7 +5,7 @@
 
 use super::Verdict;
 use super::facts::{DELAY_MAX, Facts};
-use base::can::{Frame, Id};
+use base::can::Frame;
 use base::{Duration, Instant};
 
 /// The robot stands at least for this time after the last foreign command; the driver takes 1 s and more.
@@ -44,7 +44,6 @@ impl Rule {
 impl Facts {
     /// True for a frame by which a master commands the drives.
     pub fn is_command(&self, frame: &Frame) -> bool {
-        let Id::Standard(id) = frame.id() else { return false };
-        self.limits.drives().any(|(_, drive)| drive.is_command(id, frame.data()))
+        self.limits.drives().any(|(_, drive)| drive.is_command(frame))
     }
 }

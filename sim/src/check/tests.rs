@@ -10,6 +10,7 @@ use module::admission::{Process, Way};
 use std::collections::BTreeMap;
 
 mod bounded;
+mod controllers;
 mod others;
 mod sight;
 mod stopping;

@@ -1,4 +1,22 @@
 //! Drives as they are on the wire: where their commands and reports are.
+//!
+//! The rules know one language, that of CANopen with CiA 402: identifiers, data, controlword and statusword. An ODrive is
+//! read as such a drive where its frames are looked at. Of any other motor controller a [`Reader`] reads the traffic, and
+//! the [`Listener`] passes on what a CANopen drive would have sent, as telegrams with identifiers beyond those of CAN. So
+//! a further protocol is a file with its reader, and a line in [`Protocol`], in [`Drive::reader`] and in each function
+//! of what other programs can do to it.
+
+mod roboclaw;
+mod telegram;
+mod vesc;
+
+pub use roboclaw::RoboClaw;
+pub use telegram::{Heartbeat, Meaning, Reader};
+pub use vesc::Vesc;
+
+use base::can::{Frame, Id};
+use base::serial::Word;
+use telegram::{DRIVE, FAULT, OPERATION_ENABLED, SWITCH_ON_DISABLED};
 
 /// Place in the frames of an identifier: bytes before a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -10,7 +28,7 @@ pub struct Place {
 }
 
 /// Protocol by which a drive is commanded.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Protocol {
     /// CANopen with CiA 402: controlword and statusword in PDOs, the target a signed integer.
     Canopen,
@@ -19,29 +37,34 @@ pub enum Protocol {
         /// Endpoint of `axis0.config.enable_watchdog`: what another master writes to take its stop away.
         enable_watchdog: u16,
     },
-}
-
-/// What a heartbeat reports.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Heartbeat {
-    /// It has restarted, or was disarmed: it is not driven before it is started again.
-    Down,
-    /// It is started.
-    Operational,
-    /// Another state.
-    Other,
+    /// A VESC on CAN.
+    VescOnCan(Vesc),
+    /// A VESC on a serial line.
+    VescOnUart {
+        /// The line: `serial.left`.
+        line: String,
+        /// The device.
+        vesc: Vesc,
+    },
+    /// A motor of a RoboClaw.
+    RoboClaw {
+        /// The line: `serial.wheels`.
+        line: String,
+        /// The motor.
+        of: RoboClaw,
+    },
 }
 
 /// A drive.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Drive {
     /// Protocol by which it is commanded.
     pub protocol: Protocol,
-    /// Node id; of CAN Simple the upper six bits of its identifiers.
+    /// Node id; of CAN Simple the upper six bits of its identifiers; of a controller that a reader reads its number.
     pub node: u8,
     /// The controlword in its RPDO; of CAN Simple the set-point of the velocity.
     pub command: Place,
-    /// Bytes before the target in that frame, 32 bits.
+    /// Bytes before the target in that frame, 32 bits; 64 bits in a telegram.
     pub target: usize,
     /// The statusword in each TPDO that has it; of CAN Simple the heartbeat.
     pub reports: Vec<Place>,
@@ -67,20 +90,24 @@ mod can_simple {
 /// Velocity of the motor below which a set-point of CAN Simple is 0, turns/s: 1 rpm, the least that the CANopen drives
 /// here can be commanded. A ramp in floating point ends with less.
 const STANDS_TURNS_PER_S: f64 = 1.0 / 60.0;
-/// Low byte of a controlword that drives (CiA 402-2: operation enabled).
-const DRIVE: u8 = 0x0F;
 /// Bits of a statusword that have the state (CiA 402-2).
 const STATE_MASK: u16 = 0x6F;
-/// Statuswords (CiA 402-2): operation enabled; fault; switch on disabled.
-const OPERATION_ENABLED: u16 = 0x27;
-const FAULT: u16 = 0x08;
-const SWITCH_ON_DISABLED: u16 = 0x40;
+/// First identifier of the telegrams, more than CAN has; each drive has as many of them.
+const TELEGRAMS: u16 = 0x8000;
+const TELEGRAMS_OF_DRIVE: u16 = 4;
+/// The telegrams of a drive, by what they mean.
+const COMMAND: u16 = 0;
+const STATUS: u16 = 1;
+const HEARTBEAT: u16 = 2;
 /// First identifier of emergencies, and the code of one whose master is silent (CiA 301).
 const EMERGENCY: u16 = 0x80;
 const HEARTBEAT_LOST: [u8; 2] = 0x8130u16.to_le_bytes();
 /// NMT states in a heartbeat (CiA 301).
 const BOOT_UP: u8 = 0;
 const OPERATIONAL: u8 = 5;
+/// The same of a telegram, beside [`OPERATIONAL`].
+const DOWN: u8 = 0;
+const OTHER: u8 = 127;
 /// Ramp of the quick stop that a foreign SDO request sets, rpm/s: two metres and more to a stand.
 const RAMP_RPM_PER_S: u8 = 60;
 
@@ -111,18 +138,48 @@ impl Drive {
         }
     }
 
+    /// The wheel of this number, driven by a motor controller whose traffic a reader reads.
+    #[must_use]
+    pub fn of_controller(number: u8, protocol: Protocol) -> Self {
+        let place = |what| Place { id: TELEGRAMS + TELEGRAMS_OF_DRIVE * u16::from(number) + what, at: 0 };
+        Self { protocol, node: number, command: place(COMMAND), target: 1, reports: vec![place(STATUS)] }
+    }
+
+    /// What reads its traffic; none of a drive whose frames are read as they are.
+    #[must_use]
+    pub fn reader(&self) -> Option<Box<dyn Reader>> {
+        Some(match &self.protocol {
+            Protocol::Canopen | Protocol::CanSimple { .. } => return None,
+            Protocol::VescOnCan(vesc) => Box::new(vesc::OnCan::new(vesc.clone())),
+            Protocol::VescOnUart { vesc, .. } => Box::new(vesc::OnUart::new(vesc.clone())),
+            Protocol::RoboClaw { of, .. } => Box::new(roboclaw::OnLine::new(of.clone())),
+        })
+    }
+
+    /// The serial line that it is on; none: it is on CAN.
+    #[must_use]
+    pub fn line(&self) -> Option<&str> {
+        match &self.protocol {
+            Protocol::VescOnUart { line, .. } | Protocol::RoboClaw { line, .. } => Some(line),
+            _ => None,
+        }
+    }
+
     /// Low byte of the controlword, and the target in units of the drive, of the data of its command; `None`: too
     /// short, or no number. A set-point of CAN Simple always drives, also at 0: it has no command that only stops.
     #[must_use]
     pub fn commanded(&self, data: &[u8]) -> Option<(u8, f64)> {
-        let target = *data.get(self.target..)?.first_chunk()?;
+        let target = data.get(self.target..)?;
         match self.protocol {
-            Protocol::Canopen => Some((*data.get(self.command.at)?, f64::from(i32::from_le_bytes(target)))),
+            Protocol::Canopen => {
+                Some((*data.get(self.command.at)?, f64::from(i32::from_le_bytes(*target.first_chunk()?))))
+            }
             Protocol::CanSimple { .. } => {
-                let target = f64::from(f32::from_le_bytes(target));
+                let target = f64::from(f32::from_le_bytes(*target.first_chunk()?));
                 let turns = if target.abs() < STANDS_TURNS_PER_S { 0.0 } else { target };
                 Some((DRIVE, turns)).filter(|_| target.is_finite())
             }
+            _ => Some((*data.get(self.command.at)?, f64::from_le_bytes(*target.first_chunk()?))),
         }
     }
 
@@ -152,10 +209,10 @@ impl Drive {
             && data.starts_with(&HEARTBEAT_LOST)
     }
 
-    /// Data of its command that drives it at this target, in units of the drive; the rest is 0.
+    /// The frame that drives it at this target, in units of the drive; none: nobody else can send it one.
     #[must_use]
-    pub fn command(&self, target: f64) -> Vec<u8> {
-        match self.protocol {
+    pub fn drive_at(&self, target: f64) -> Option<Frame> {
+        let data = match &self.protocol {
             Protocol::Canopen => {
                 let mut data = vec![0; (self.target + 4).max(self.command.at + 2)];
                 data[self.command.at] = DRIVE;
@@ -163,7 +220,10 @@ impl Drive {
                 data
             }
             Protocol::CanSimple { .. } => [(target as f32).to_le_bytes(), [0; 4]].concat(),
-        }
+            Protocol::VescOnCan(vesc) => return vesc.drive_at(target),
+            Protocol::VescOnUart { .. } | Protocol::RoboClaw { .. } => return None,
+        };
+        Some(Frame::standard(self.command.id, &data))
     }
 
     /// Statusword in a frame; `None`: it has none. For CAN Simple, the statusword of CiA 402 that corresponds to the
@@ -172,7 +232,6 @@ impl Drive {
     pub fn reported(&self, id: u16, data: &[u8]) -> Option<u16> {
         let place = self.reports.iter().find(|place| place.id == id)?;
         match self.protocol {
-            Protocol::Canopen => Some(u16::from_le_bytes(*data.get(place.at..)?.first_chunk()?)),
             Protocol::CanSimple { .. } => {
                 let (errors, state) = axis_state(data)?;
                 Some(match state {
@@ -181,6 +240,7 @@ impl Drive {
                     _ => SWITCH_ON_DISABLED,
                 })
             }
+            _ => Some(u16::from_le_bytes(*data.get(place.at..)?.first_chunk()?)),
         }
     }
 
@@ -201,6 +261,11 @@ impl Drive {
                 Some((false, can_simple::CLOSED_LOOP)) => Heartbeat::Operational,
                 _ => Heartbeat::Other,
             },
+            _ => match data.first() {
+                Some(&DOWN) => Heartbeat::Down,
+                Some(&OPERATIONAL) => Heartbeat::Operational,
+                _ => Heartbeat::Other,
+            },
         })
     }
 
@@ -210,14 +275,39 @@ impl Drive {
         match self.protocol {
             Protocol::Canopen => 0x700 + u16::from(self.node),
             Protocol::CanSimple { .. } => u16::from(self.node) << 5 | can_simple::HEARTBEAT,
+            _ => TELEGRAMS + TELEGRAMS_OF_DRIVE * u16::from(self.node) + HEARTBEAT,
+        }
+    }
+
+    /// The telegram with this meaning: identifier and data.
+    fn telegram(&self, meaning: Meaning) -> (u16, Vec<u8>) {
+        match meaning {
+            Meaning::Command(controlword, target) => {
+                (self.command.id, [&[controlword][..], &target.to_le_bytes()].concat())
+            }
+            Meaning::Status(status) => {
+                (TELEGRAMS + TELEGRAMS_OF_DRIVE * u16::from(self.node) + STATUS, status.to_le_bytes().into())
+            }
+            Meaning::Heartbeat(heartbeat) => {
+                let state = match heartbeat {
+                    Heartbeat::Down => DOWN,
+                    Heartbeat::Operational => OPERATIONAL,
+                    Heartbeat::Other => OTHER,
+                };
+                (self.heartbeat_id(), vec![state])
+            }
         }
     }
 
     /// True for a frame by which a master commands this drive: of CANopen an NMT command, SYNC, an RPDO or an SDO
-    /// request; of CAN Simple a message that changes something.
+    /// request; of a motor controller a message that changes something. Nobody else is on a serial line.
     #[must_use]
-    pub fn is_command(&self, id: u16, data: &[u8]) -> bool {
-        let node = u16::from(self.node);
+    pub fn is_command(&self, frame: &Frame) -> bool {
+        if let Protocol::VescOnCan(vesc) = &self.protocol {
+            return vesc.is_command(frame);
+        }
+        let Id::Standard(id) = frame.id() else { return false };
+        let (node, data) = (u16::from(self.node), frame.data());
         match self.protocol {
             Protocol::Canopen => match (id & 0x780, id & 0x7F, data) {
                 (0, 0, &[_, to]) => to == 0 || to == self.node,
@@ -236,32 +326,86 @@ impl Drive {
                 | can_simple::CLEAR_ERRORS => true,
                 _ => false,
             },
+            _ => false,
         }
     }
 
-    /// The frame by which another master takes this drive out of operation: identifier and data.
+    /// The frame by which another master takes this drive out of operation; none: nobody else can send it one.
     #[must_use]
-    pub fn foreign_stop(&self) -> (u16, Vec<u8>) {
-        match self.protocol {
+    pub fn foreign_stop(&self) -> Option<Frame> {
+        match &self.protocol {
             // CiA 301, 7.2.8.2.1.2: stop remote node.
-            Protocol::Canopen => (0, vec![0x02, self.node]),
+            Protocol::Canopen => Some(Frame::standard(0, &[0x02, self.node])),
             Protocol::CanSimple { .. } => {
-                (u16::from(self.node) << 5 | can_simple::SET_AXIS_STATE, vec![can_simple::IDLE, 0, 0, 0, 0, 0, 0, 0])
+                let id = u16::from(self.node) << 5 | can_simple::SET_AXIS_STATE;
+                Some(Frame::standard(id, &[can_simple::IDLE, 0, 0, 0, 0, 0, 0, 0]))
             }
+            Protocol::VescOnCan(vesc) => vesc.foreign_stop(),
+            Protocol::VescOnUart { .. } | Protocol::RoboClaw { .. } => None,
         }
     }
 
-    /// The frame by which another master takes the stop of this drive away: identifier and data.
+    /// The frame by which another master takes the stop of this drive away; none: nobody else can send it one.
     #[must_use]
-    pub fn foreign_parameter(&self) -> (u16, Vec<u8>) {
-        match self.protocol {
+    pub fn foreign_parameter(&self) -> Option<Frame> {
+        match &self.protocol {
             // CiA 301, 7.2.4.3.3: expedited download of four bytes to 0x6085, the quick stop's deceleration.
-            Protocol::Canopen => (0x600 + u16::from(self.node), vec![0x23, 0x85, 0x60, 0, RAMP_RPM_PER_S, 0, 0, 0]),
+            Protocol::Canopen => {
+                let id = 0x600 + u16::from(self.node);
+                Some(Frame::standard(id, &[0x23, 0x85, 0x60, 0, RAMP_RPM_PER_S, 0, 0, 0]))
+            }
             Protocol::CanSimple { enable_watchdog } => {
                 let [low, high] = enable_watchdog.to_le_bytes();
-                (u16::from(self.node) << 5 | can_simple::RX_SDO, vec![can_simple::WRITE, low, high, 0, 0])
+                let id = u16::from(self.node) << 5 | can_simple::RX_SDO;
+                Some(Frame::standard(id, &[can_simple::WRITE, low, high, 0, 0]))
+            }
+            Protocol::VescOnCan(vesc) => vesc.foreign_parameter(),
+            Protocol::VescOnUart { .. } | Protocol::RoboClaw { .. } => None,
+        }
+    }
+}
+
+/// Reads the traffic of all drives that need a reader.
+#[derive(Debug)]
+pub struct Listener {
+    readers: Vec<(Drive, Box<dyn Reader>)>,
+}
+
+impl Listener {
+    /// Of the drives of these wheels.
+    #[must_use]
+    pub fn new(wheels: &[Wheel]) -> Self {
+        let reader = |wheel: &Wheel| Some((wheel.drive.clone(), wheel.drive.reader()?));
+        Self { readers: wheels.iter().filter_map(reader).collect() }
+    }
+
+    /// The telegrams of a frame on the bus of the drives, as identifiers and data.
+    pub fn on_frame(&mut self, frame: &Frame) -> Vec<(u16, Vec<u8>)> {
+        let mut all = Vec::new();
+        for (drive, reader) in &mut self.readers {
+            reader.on_frame(frame, &mut |meaning| all.push(drive.telegram(meaning)));
+        }
+        all
+    }
+
+    /// Identifiers of what is missing if this frame is received by nobody: the heartbeats of its drives.
+    pub fn on_frame_lost(&mut self, frame: &Frame) -> Vec<u16> {
+        let mut all = Vec::new();
+        for (drive, reader) in &mut self.readers {
+            if reader.on_frame(frame, &mut |_| {}) {
+                all.push(drive.heartbeat_id());
             }
         }
+        all
+    }
+
+    /// The telegrams of words on a serial line, as identifiers and data.
+    pub fn on_words(&mut self, line: &str, by_driver: bool, words: &[Word]) -> Vec<(u16, Vec<u8>)> {
+        let mut all = Vec::new();
+        for (drive, reader) in self.readers.iter_mut().filter(|(drive, _)| drive.line() == Some(line)) {
+            reader.on_words(by_driver, words, &mut |meaning| all.push(drive.telegram(meaning)));
+        }
+        all
     }
 }
 
@@ -285,11 +429,12 @@ mod tests {
             target: 0,
             reports: vec![Place { id: 0x181, at: 0 }, Place { id: 0x281, at: 4 }],
         };
-        let data = drive.command(-1000.0);
+        let frame = drive.drive_at(-1000.0).unwrap();
+        let data = frame.data();
         assert_eq!(data, [0x18, 0xFC, 0xFF, 0xFF, 0x0F, 0]);
-        assert_eq!((drive.commanded(&data), drive.commanded(&data[..4])), (Some((0x0F, -1000.0)), None));
+        assert_eq!((drive.commanded(data), drive.commanded(&data[..4])), (Some((0x0F, -1000.0)), None));
         assert_eq!(drive.reported(0x281, &[1, 2, 3, 4, 0x37, 0x92]), Some(0x9237));
-        assert_eq!((drive.reported(0x281, &[1, 2, 3, 4, 0x37]), drive.reported(0x381, &data)), (None, None));
+        assert_eq!((drive.reported(0x281, &[1, 2, 3, 4, 0x37]), drive.reported(0x381, data)), (None, None));
     }
 
     #[test]
@@ -297,12 +442,12 @@ mod tests {
         // Node 3: 0x061 is the heartbeat, 0x06D Set_Input_Vel.
         let drive = Drive::can_simple(3, 0x0123);
         assert_eq!((drive.command.id, drive.heartbeat_id()), (0x06D, 0x061));
-        let data = drive.command(-2.5);
-        assert_eq!(data, [0, 0, 0x20, 0xC0, 0, 0, 0, 0]);
-        assert_eq!(drive.commanded(&data), Some((0x0F, -2.5)));
+        let frame = drive.drive_at(-2.5).unwrap();
+        assert_eq!(frame.data(), [0, 0, 0x20, 0xC0, 0, 0, 0, 0]);
+        assert_eq!(drive.commanded(frame.data()), Some((0x0F, -2.5)));
         assert!(Drive::moves((0x0F, -2.5)) && !Drive::moves((0x0F, 0.0)) && !Drive::moves((0x0B, 1.0)));
         assert_eq!(drive.commanded(&1e-9_f32.to_le_bytes()), Some((0x0F, 0.0)));
-        assert_eq!((drive.commanded(&f32::NAN.to_le_bytes()), drive.commanded(&data[..3])), (None, None));
+        assert_eq!((drive.commanded(&f32::NAN.to_le_bytes()), drive.commanded(&frame.data()[..3])), (None, None));
         for (data, statusword, heartbeat) in [
             ([0, 0, 0, 0, 8, 0, 0, 0], Some(0x27), Heartbeat::Operational),
             ([0, 0, 0, 0, 1, 0, 0, 0], Some(0x40), Heartbeat::Down),
@@ -366,11 +511,11 @@ mod tests {
             (&canopen, 0x602, &[0; 8], false),
             (&canopen, 0x181, &[0; 2], false),
         ] {
-            assert_eq!(drive.is_command(id, data), expected, "{id:#x} {data:?}");
+            assert_eq!(drive.is_command(&Frame::standard(id, data)), expected, "{id:#x} {data:?}");
         }
         for drive in [&odrive, &canopen] {
-            for (id, data) in [drive.foreign_stop(), drive.foreign_parameter()] {
-                assert!(drive.is_command(id, &data), "{id:#x} {data:?}");
+            for frame in [drive.foreign_stop(), drive.foreign_parameter()].map(Option::unwrap) {
+                assert!(drive.is_command(&frame), "{frame:?}");
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use super::operator;
 use super::tally::{Contacts, Driven, Goals, Shares};
-use crate::check::wire::{Drive, Wheel};
+use crate::check::wire::{Drive, Listener, Wheel};
 use crate::check::{Limits, Times};
 use crate::host::News;
 use base::can::{Frame, Id};
@@ -72,6 +72,10 @@ impl Figures {
 #[derive(Debug)]
 pub(super) struct Meter {
     limits: Limits,
+    /// Reads motor controllers that are no CANopen nodes.
+    listener: Listener,
+    /// Process of the driver of the drives.
+    driver: Option<u32>,
     pub figures: Figures,
     /// Instant since which no fault is injected.
     pub calm: Option<Instant>,
@@ -101,6 +105,8 @@ impl Meter {
     pub fn new(limits: Limits) -> Self {
         Self {
             moves: vec![false; limits.wheels.len()],
+            listener: Listener::new(&limits.wheels),
+            driver: None,
             limits,
             figures: Figures::default(),
             calm: None,
@@ -116,6 +122,11 @@ impl Meter {
     pub fn observe(&mut self, now: Instant, news: &News<'_>) {
         match *news {
             News::Can { bus, pid, frame } if bus == self.limits.bus && pid != 0 => self.on_frame(now, &frame),
+            News::Words { bus, pid, words } => {
+                let telegrams = self.listener.on_words(bus, self.driver == Some(pid), words);
+                telegrams.into_iter().for_each(|(id, data)| self.on_telegram(now, id, &data));
+            }
+            News::Started { module, pid } if *module == self.limits.driver => self.driver = Some(pid),
             News::Message { sender, message: Message::LlCmdMotion(command) } if sender.way == Way::Memory => {
                 self.on_command(now, command.speed);
             }
@@ -186,9 +197,17 @@ impl Meter {
     }
 
     fn on_frame(&mut self, now: Instant, frame: &Frame) {
-        let is_command = |wheel: &Wheel| frame.id() == Id::Standard(wheel.drive.command.id);
+        if let Id::Standard(id) = frame.id() {
+            self.on_telegram(now, id, frame.data());
+        }
+        let telegrams = self.listener.on_frame(frame);
+        telegrams.into_iter().for_each(|(id, data)| self.on_telegram(now, id, &data));
+    }
+
+    fn on_telegram(&mut self, now: Instant, id: u16, data: &[u8]) {
+        let is_command = |wheel: &Wheel| id == wheel.drive.command.id;
         let Some(number) = self.limits.wheels.iter().position(is_command) else { return };
-        let commanded = self.limits.wheels[number].drive.commanded(frame.data());
+        let commanded = self.limits.wheels[number].drive.commanded(data);
         let moved = self.moves.contains(&true);
         self.moves[number] = commanded.is_some_and(Drive::moves);
         let stops = moved && !self.moves.contains(&true);

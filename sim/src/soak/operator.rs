@@ -275,11 +275,13 @@ impl Operator {
     }
 
     /// Ends, by a deliberate act, the causes that wait for one: homing, a source of PAUSE that fell silent, a drive
-    /// that was too fast, or one that did not brake and has lost its feed.
+    /// that was too fast, or stood, or one that did not brake and has lost its feed.
     fn release(&self, say: &mut impl FnMut(Message)) {
         let Some(list) = &self.holds else { return };
         let has = |holds: &[Hold]| holds.iter().any(|hold| list.has(*hold));
-        if has(&[Hold::PauseOther, Hold::SpeedExceeded]) || !self.has_line && has(&[Hold::PauseButton]) {
+        if has(&[Hold::PauseOther, Hold::SpeedExceeded, Hold::WheelStood])
+            || !self.has_line && has(&[Hold::PauseButton])
+        {
             let (module, state) = (list.module.clone(), common::DataState::RUN);
             say(common::CmdState { timestamp: 0, module, state, manual: true, source: SOURCE.into() }.into());
         }

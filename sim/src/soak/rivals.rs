@@ -138,14 +138,10 @@ fn foreign_frame(fault: &Fault, limits: &Limits) -> Option<Frame> {
     let steering = limits.steering.as_ref().filter(|_| fault.target == "steering");
     let of = wheel.map(|wheel| &wheel.drive).or(steering)?;
     match (fault.fault.as_str(), wheel) {
-        ("foreign_pdo", Some(Wheel { drive, units_per_mps, .. })) => {
-            Some(Frame::standard(drive.command.id, &drive.command(fault.value * units_per_mps)))
-        }
+        ("foreign_pdo", Some(Wheel { drive, units_per_mps, .. })) => drive.drive_at(fault.value * units_per_mps),
         // A frame that the steering does not receive.
         ("foreign_pdo", None) => Some(Frame::standard(0x500 + u16::from(of.node), &[0x0F, 0, 0, 0, 0, 0])),
-        (fault, _) => {
-            let (id, data) = if fault == "foreign_nmt" { of.foreign_stop() } else { of.foreign_parameter() };
-            Some(Frame::standard(id, &data))
-        }
+        ("foreign_nmt", _) => of.foreign_stop(),
+        _ => of.foreign_parameter(),
     }
 }

@@ -27,8 +27,9 @@ const OF_SOFTWARE: [&str; 18] = [
     "foreign_list",
     "foreign_release",
 ];
-/// Target that stands for each driven wheel, and the one of the message bus.
+/// Targets that stand for each driven wheel, and for each serial line of a drive; the one of the message bus.
 const PROPULSION: &str = "propulsion";
+const DRIVE_LINES: &str = "serial";
 const LCM: &str = "lcm";
 /// A day, s.
 const DAY: f64 = 86_400.0;
@@ -160,19 +161,27 @@ pub enum Phase {
 }
 
 impl Scenario {
-    /// The same for a robot that does not have all that it names. `propulsion` is every driven wheel; what else a fault
-    /// of the hardware has as its target must be of the robot (`has`) or it is left out, and with its last target the
-    /// fault. Returns what was left out, too.
+    /// The same for a robot that does not have all that it names. `propulsion` is every driven wheel, `serial` every
+    /// line of `lines`, on which drives are. A fault of the hardware stays for those of its targets that the robot has
+    /// with this fault (`has`: target, fault), and is left out with the last of them. Returns which targets were left
+    /// out.
     #[must_use]
-    pub fn suited(mut self, wheels: &[&str], has: impl Fn(&str) -> bool) -> (Self, BTreeSet<String>) {
+    pub fn suited(
+        mut self,
+        wheels: &[&str],
+        lines: &[&str],
+        has: impl Fn(&str, &str) -> bool,
+    ) -> (Self, BTreeSet<String>) {
         let mut without = BTreeSet::new();
         for kind in self.kinds.iter_mut().filter(|kind| !OF_SOFTWARE.contains(&kind.fault.as_str())) {
             let targets = std::mem::take(&mut kind.targets).into_iter();
             let each = targets.flat_map(|target| match target.as_str() {
                 PROPULSION => wheels.iter().copied().map(Into::into).collect(),
+                DRIVE_LINES => lines.iter().copied().map(Into::into).collect(),
                 _ => vec![target],
             });
-            let (kept, left_out): (Vec<String>, Vec<String>) = each.partition(|target| target == LCM || has(target));
+            let (kept, left_out): (Vec<String>, Vec<String>) =
+                each.partition(|target| target == LCM || has(target, &kind.fault));
             kind.targets = kept;
             without.extend(left_out);
         }
@@ -219,12 +228,30 @@ mod tests {
             kind(&["guard", "*"], "kill"),
             kind(&["lcm"], "lost"),
             kind(&["rope"], "engage"),
+            kind(&["propulsion"], "garbled"),
+            kind(&["serial"], "cut"),
         ];
         let scenario = Scenario { kinds, ..Scenario::default() };
-        let (suited, without) = scenario.suited(&["left", "right"], |name| ["left", "right"].contains(&name));
+        // The left wheel is on CAN, the right one on a serial line.
+        let has = |name: &str, fault: &str| match name {
+            "left" => fault != "garbled",
+            "right" => !fault.starts_with("foreign_"),
+            _ => name == "serial.right",
+        };
+        let (suited, without) = scenario.suited(&["left", "right"], &["serial.right"], has);
         let rows: Vec<_> = suited.kinds.iter().map(|kind| (kind.fault.as_str(), kind.targets.join(","))).collect();
-        let expected = [("silent", "left,right"), ("foreign_pdo", "left,right"), ("kill", "guard,*"), ("lost", "lcm")];
-        assert_eq!(rows[..4], expected.map(|(fault, targets)| (fault, targets.to_owned())));
-        assert_eq!((rows.len(), without), (5, BTreeSet::from(["sd1_front".into(), "steering".into()])));
+        let expected = [
+            ("silent", "left,right"),
+            ("foreign_pdo", "left"),
+            ("kill", "guard,*"),
+            ("lost", "lcm"),
+            ("engage", "rope"),
+            ("garbled", "right"),
+            ("cut", "serial.right"),
+        ];
+        assert_eq!(rows, expected.map(|(fault, targets)| (fault, targets.to_owned())));
+        // Of the wheels, too, one has not all of these faults.
+        let left_out = ["left", "right", "sd1_front", "steering"].map(String::from);
+        assert_eq!(without, BTreeSet::from(left_out));
     }
 }

@@ -19,6 +19,9 @@ const SIGNATURE: u32 = 982_638_166;
 const FIRMWARE: u8 = 0;
 const APPCONF: u8 = 17;
 
+/// Default of `m_fault_stop_time_ms` in the firmware.
+pub const FAULT_STOP: Duration = Duration::from_millis(500);
+
 /// What is wrong with the device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Faults {
@@ -53,7 +56,11 @@ pub struct Device<L> {
     pub killed: bool,
     /// Tachometer at power-on.
     pub offset: i32,
+    /// Time for which a fault holds the motor free and is reported (`m_fault_stop_time_ms`); 0: until it is cleared.
+    pub fault_stop: Duration,
     fault: u8,
+    /// When the fault was first seen by [`Self::handle_timeout`].
+    faulted: Option<Instant>,
     commanded: Instant,
     timed_out: bool,
     check: Ticker,
@@ -74,7 +81,9 @@ impl<L: Link> Device<L> {
             brake_current_a: 10.0,
             killed: false,
             offset: 0,
+            fault_stop: Duration::ZERO,
             fault: 0,
+            faulted: None,
             commanded: Instant::ZERO,
             timed_out: true,
             check: Ticker::new(Instant::ZERO, CHECK),
@@ -83,7 +92,7 @@ impl<L: Link> Device<L> {
 
     /// Raises a fault, or clears it with 0; the motor is released.
     pub fn raise(&mut self, fault: u8) {
-        self.fault = fault;
+        (self.fault, self.faulted) = (fault, None);
         self.motor.drive = Drive::Free;
     }
 
@@ -176,6 +185,12 @@ impl<L: Link> Device<L> {
         self.motor.advance(now);
         if !self.check.due(now) {
             return;
+        }
+        if self.fault != 0 && !self.fault_stop.is_zero() {
+            let since = *self.faulted.get_or_insert(now);
+            if now.since(since) >= self.fault_stop {
+                self.raise(0);
+            }
         }
         let limit = Duration::from_millis(self.timeout_ms.into());
         let is_over = self.timeout_ms != 0 && now.since(self.commanded) > limit && !self.faults.timeout_dead;

@@ -107,6 +107,9 @@ settings! {
         output: Option<OutputConfig> = optional;
         /// The line that `second_way = "gpio"` switches.
         gpio: Option<GpioConfig> = optional;
+        /// What becomes of a wheel that gains speed against its own brake, as one whose encoder counts backwards does,
+        /// where nothing cuts the motors' feed.
+        unbraked: UnbrakedStop = UnbrakedStop::Coast;
         /// What the PAUSE line does to the motors.
         pause: PauseStop = PauseStop::Coast;
         /// Deceleration without power, least that is to be expected.
@@ -187,6 +190,18 @@ settings! {
         Brake = "brake",
         /// The drive brakes by its quick stop, and the feed is cut after the delay (stop category 1).
         Delayed = "delayed",
+    }
+}
+
+settings! {
+    /// What becomes of a wheel that gains more than 0.1 m/s, by at least half the quick stop's deceleration, since it was
+    /// ordered to stop at speed.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum UnbrakedStop {
+        /// Its drive is switched off, and the wheel rolls: the drive itself accelerates it.
+        Coast = "coast",
+        /// Its drive goes on braking: for a robot on slopes that its brakes cannot hold.
+        Brake = "brake",
     }
 }
 

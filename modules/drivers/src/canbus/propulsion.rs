@@ -29,6 +29,9 @@ pub(super) struct Propulsion {
     pub(super) axis: Axis,
     motor: Motor,
     goal: Goal,
+    /// It has gained speed against its brake: its drive is switched off, whatever the goal, until a person has let the
+    /// robot go.
+    cut: bool,
     /// Measured speed, m/s; NaN if unknown.
     speed: f64,
     /// Measured since the last call of [`Self::take_measured`].
@@ -51,6 +54,7 @@ impl Propulsion {
             axis: own.axis,
             motor,
             goal: Goal::QuickStop,
+            cut: false,
             speed: f64::NAN,
             measured: false,
             follow: Follow::new(FollowConfig { ramp: acceleration.min(deceleration), least: FOLLOWED_MIN_MPS }),
@@ -228,7 +232,22 @@ impl Propulsion {
         self.set_target(0.0);
     }
 
+    /// Takes the torque away at once, also of a wheel that turns.
+    pub(super) fn cut(&mut self) {
+        self.cut = true;
+    }
+
+    /// A person has let the robot go.
+    pub(super) fn end_cut(&mut self) {
+        self.cut = false;
+    }
+
+    pub(super) fn is_cut(&self) -> bool {
+        self.cut
+    }
+
     pub(super) fn advance(&mut self, now: Instant, master: &mut Master, out: &mut Actions) {
+        let goal = if self.cut { Goal::Disabled } else { self.goal };
         let is_unknown = match &self.motor {
             Motor::Canopen(servo) => !servo.drive.is_booted() && !servo.drive.is_fresh(now),
             Motor::Controller(controller) => !controller.is_known(now),
@@ -237,8 +256,8 @@ impl Propulsion {
             self.on_lost();
         }
         match &mut self.motor {
-            Motor::Canopen(servo) => servo.advance(now, self.goal, master, out),
-            Motor::Controller(controller) => controller.advance(now, self.goal, self.speed, out),
+            Motor::Canopen(servo) => servo.advance(now, goal, self.cut, master, out),
+            Motor::Controller(controller) => controller.advance(now, goal, self.speed, out),
         }
     }
 

@@ -4,7 +4,7 @@
 //! depends on the drive. It is never used while the drive brakes as commanded, and only a person switches the feed on
 //! again.
 
-use super::config::{SecondWay, Stop};
+use super::config::{SecondWay, Stop, UnbrakedStop};
 use super::feed_output::{FeedOutput, News};
 use super::objection::Objection;
 use super::propulsion::Propulsion;
@@ -111,7 +111,7 @@ fn is_standing(target: f64, measured: f64) -> bool {
 #[derive(Debug)]
 pub(super) struct StopWatch {
     way: Way,
-    /// Latched: [`Hold::SpeedExceeded`] or [`Hold::FeedCut`].
+    /// Latched: [`Hold::SpeedExceeded`], [`Hold::FeedCut`] or [`Hold::WheelStood`].
     latched: Option<Hold>,
 }
 
@@ -134,7 +134,12 @@ impl StopWatch {
             Way::Output(output) => output.objection(),
             Way::None => None,
         };
-        self.latched.or_else(of_way).map(Objection::Speed)
+        self.latched.filter(|hold| *hold != Hold::WheelStood).or_else(of_way).map(Objection::Speed)
+    }
+
+    /// The objection that remains of a wheel that stood, when its drive has none any more.
+    pub(super) fn stood(&self) -> Option<Objection> {
+        self.latched.filter(|hold| *hold == Hold::WheelStood).map(Objection::Speed)
     }
 
     fn output(&self) -> Option<&FeedOutput> {
@@ -223,6 +228,10 @@ impl Canbus {
         });
         if let Some(speed) = measured.filter(|_| is_late) {
             wheel.stop_for(now, NotFollowing { target: target.unwrap_or(0.0), measured: speed }, out);
+            if alone && self.stop_watch.latched.is_none() {
+                // The next command would accelerate it as unseen.
+                self.stop_watch.latched = Some(Hold::WheelStood);
+            }
         }
         if wheel.is_up() || order == Order::None {
             wheel.watch.unwatched = None;
@@ -239,7 +248,9 @@ impl Canbus {
         let what = if alone { "the robot drives".into() } else { format!("the {name} wheel turns") };
         match alarm {
             None => {}
-            Some(Alarm::Exceeded { measured, allowed }) if self.stop_watch.latched.is_none() => {
+            Some(Alarm::Exceeded { measured, allowed })
+                if matches!(self.stop_watch.latched, None | Some(Hold::WheelStood)) =>
+            {
                 let why = format!("{what} at {measured:.2} m/s, at most {allowed:.2} is commanded: quick stop");
                 out.raise(Severity::Error, Fault::SpeedExceeded, "", why);
                 self.stop_watch.latched = Some(Hold::SpeedExceeded);
@@ -249,7 +260,27 @@ impl Canbus {
                 let what = format!("told to stop, {what} at {measured:.2} m/s and not below {allowed:.2}");
                 self.on_not_stopping(now, &what, out);
             }
+            Some(Alarm::Accelerates { measured, lowest }) => {
+                let what = format!("told to stop, {what} at {measured:.2} m/s after {lowest:.2}");
+                self.on_accelerating(now, number, &what, out);
+            }
         }
+    }
+
+    /// A wheel gains speed against its brake. Without a second way its drive is switched off: it is what accelerates it.
+    fn on_accelerating(&mut self, now: Instant, number: usize, what: &str, out: &mut Actions) {
+        let has_way = !matches!(self.stop_watch.way, Way::None);
+        if has_way || self.config.stop.unbraked == UnbrakedStop::Brake {
+            self.on_not_stopping(now, what, out);
+            return;
+        }
+        let Some(wheel) = self.wheels.get_mut(number).filter(|wheel| !wheel.is_cut()) else { return };
+        wheel.cut();
+        let what = format!("{what}: the {} drive is switched off, and the wheel rolls", wheel.axis.name());
+        // The fault may have been reported already, as a wheel that does not stop.
+        out.say(Level::Warning, &what);
+        out.raise(Severity::Error, Fault::StopFailed, "", what);
+        self.stop_watch.latched = Some(Hold::SpeedExceeded);
     }
 
     fn on_not_stopping(&mut self, now: Instant, what: &str, out: &mut Actions) {
@@ -329,15 +360,18 @@ impl Canbus {
         }
     }
 
-    /// A person commands this module to RUN: ends an alarm that did not cut the feed, once the robot stands.
+    /// A person commands this module to RUN: ends an alarm that did not cut the feed, once the robot stands, as far as it
+    /// is measured.
     pub(super) fn acknowledge_speed(&mut self, out: &mut Actions) {
-        if self.stop_watch.latched == Some(Hold::SpeedExceeded) && self.is_standing() {
+        let ends = matches!(self.stop_watch.latched, Some(Hold::SpeedExceeded | Hold::WheelStood));
+        if ends && self.wheels.stand_or_are_cut(self.now) {
             self.end_alarm(out);
         }
     }
 
     fn end_alarm(&mut self, out: &mut Actions) {
         self.stop_watch.latched = None;
+        self.wheels.iter_mut().for_each(Propulsion::end_cut);
         for fault in [Fault::SpeedExceeded, Fault::StopFailed] {
             out.clear(fault, "", "an operator has let the robot go");
         }

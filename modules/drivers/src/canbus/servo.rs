@@ -6,7 +6,7 @@ use super::{Config, ConfigError, PropulsionConfig, PropulsionDrive};
 use base::Instant;
 use base::can::Frame;
 use canopen::axis::modes::Mode;
-use canopen::axis::{Goal, PowerState, Units};
+use canopen::axis::{Goal, PowerState, Units, control};
 use canopen::drives::cia402::{Parameters, Table};
 use canopen::drives::derive::{self, Derived};
 use canopen::drives::epos;
@@ -79,11 +79,13 @@ impl Servo {
         self.target = self.units.velocity(speed);
     }
 
-    pub(super) fn advance(&mut self, now: Instant, goal: Goal, master: &mut Master, out: &mut Actions) {
+    /// `cut`: the power stage is switched off at once, from any state and without a ramp, by which the drive would go on.
+    pub(super) fn advance(&mut self, now: Instant, goal: Goal, cut: bool, master: &mut Master, out: &mut Actions) {
         self.drive.set_goal(now, goal);
         self.drive.handle_timeout(now, out);
         self.drive.expect_mode(now, Some(self.table.mode.code()), master);
-        let data = self.table.pack(self.drive.axis.controlword(), self.target);
+        let controlword = if cut { control::DISABLE_VOLTAGE } else { self.drive.axis.controlword() };
+        let data = self.table.pack(controlword, self.target);
         self.drive.send(now, master, self.table.rpdo.number, data);
     }
 

@@ -6,6 +6,11 @@
 //! above the lowest speed measured, so that a drive that brakes at first and then no more is found as soon as one that
 //! does not brake at all. Evaluated at each measurement and at no other time, so late or lost frames raise no alarm.
 //!
+//! Under an order to stop a wheel that moved by its own power, and gains speed against full braking, is accelerated by
+//! the drive that is to brake it: its encoder counts backwards. That is an alarm of its own. A wheel that stood, or was
+//! without power, and is pushed is not such a one, nor one that a slope accelerates by less than half the quick stop's
+//! deceleration: there the brake helps, and is kept.
+//!
 //! A drive that gains speed on a ramp of its own is judged by that ramp, too: faster than it would permit, and gaining
 //! more speed for [`CONFIRMATION`], is an alarm below the commanded speed as well. A drive that has reached the
 //! commanded speed too early and keeps it raises no alarm.
@@ -15,6 +20,7 @@
 //! which the ramp counts and not the final command, is an alarm. An excess that no longer grows, or a wheel that does
 //! not gain speed, has the longer [`CONFIRMATION`].
 
+use super::STANDSTILL_MPS;
 use base::{Duration, Instant};
 use std::collections::VecDeque;
 
@@ -56,6 +62,8 @@ pub(super) enum Alarm {
     Exceeded { measured: f64, allowed: f64 },
     /// Commanded to stop, and does not: the feed is to be cut.
     NotStopping { measured: f64, allowed: f64 },
+    /// Commanded to stop, and gains speed since: its drive must not brake it any more.
+    Accelerates { measured: f64, lowest: f64 },
 }
 
 /// Envelope of one direction.
@@ -116,6 +124,8 @@ pub(super) struct SpeedMonitor {
     /// Since when it may be running away.
     runs_away: Option<Instant>,
     recent: VecDeque<Measurement>,
+    /// The stop of a wheel that moved by its own power, until it stands.
+    braking: Option<Braking>,
 }
 
 /// A measurement.
@@ -126,6 +136,14 @@ struct Measurement {
     speed: f64,
     /// How much faster it was than its set-point on its ramp, m/s; NaN if it was not to drive.
     excess: f64,
+}
+
+/// A stop of a moving wheel.
+#[derive(Clone, Copy, Debug)]
+struct Braking {
+    since: Instant,
+    /// Least speed after [`REACTION`], m/s; infinite before.
+    lowest: f64,
 }
 
 impl SpeedMonitor {
@@ -143,6 +161,7 @@ impl SpeedMonitor {
             rises: None,
             runs_away: None,
             recent: VecDeque::with_capacity(MEASUREMENTS_MAX),
+            braking: None,
         }
     }
 
@@ -159,6 +178,13 @@ impl SpeedMonitor {
             self.exceeded = None;
         }
         let starts = !matches!(self.order, Order::Drive(_));
+        match (self.order, order) {
+            (_, Order::Stop) if !starts && self.measured.abs() >= STANDSTILL_MPS => {
+                self.braking = Some(Braking { since: now, lowest: f64::INFINITY });
+            }
+            (Order::Stop, Order::Stop) => {}
+            _ => self.braking = None,
+        }
         self.order = order;
         let speed = match order {
             Order::None => return,
@@ -191,6 +217,9 @@ impl SpeedMonitor {
                 envelope.allowed = envelope.allowed.min(speed + MARGIN_MPS);
             }
         }
+        if let Some(alarm) = self.judge_braking(now) {
+            return Some(alarm);
+        }
         let rises = self.judge_rise(now, before).or(self.judge_runaway(now, before, excess));
         let over =
             speeds.into_iter().zip(self.envelopes).find(|(speed, envelope)| *speed > envelope.allowed + MARGIN_MPS);
@@ -208,6 +237,24 @@ impl SpeedMonitor {
             Order::Stop => Some(Alarm::NotStopping { measured, allowed }),
             _ => Some(Alarm::Exceeded { measured, allowed }),
         }
+    }
+
+    /// Judges whether it gains speed while it is to stop.
+    fn judge_braking(&mut self, now: Instant) -> Option<Alarm> {
+        let slope = self.slope(now);
+        let speed = self.measured.abs();
+        let braking = self.braking.as_mut()?;
+        if speed < STANDSTILL_MPS {
+            self.braking = None;
+            return None;
+        }
+        if now.since(braking.since) < REACTION {
+            return None;
+        }
+        braking.lowest = braking.lowest.min(speed);
+        let lowest = braking.lowest;
+        let gains = slope.is_some_and(|slope| slope >= RAMP_MIN * self.ramps.1);
+        (gains && speed > lowest + MARGIN_MPS).then_some(Alarm::Accelerates { measured: speed, lowest })
     }
 
     /// Judges whether it gains speed faster than the drive's ramp; `before`: instant of the previous measurement.
@@ -348,6 +395,56 @@ mod tests {
             let (ms, alarm) = bench.run(Order::Stop, slope, 2000).expect("an alarm");
             assert!(matches!(alarm, Alarm::NotStopping { .. }) && ms <= 650, "{speed} {slope}: {ms} ms, {alarm:?}");
         }
+    }
+
+    /// When a wheel that is to stop, and changes its speed by `slope`, is found to gain speed. That it does not stop may
+    /// be found before.
+    fn found(bench: &mut Bench, slope: f64) -> Option<u64> {
+        let begin = bench.ms;
+        while bench.ms < begin + 1500 {
+            if let Some((_, Alarm::Accelerates { .. })) = bench.run(Order::Stop, slope, 1500) {
+                return Some(bench.ms - begin);
+            }
+        }
+        None
+    }
+
+    #[test]
+    fn a_wheel_that_gains_speed_against_its_brake_raises_its_own_alarm() {
+        for (speed, slope) in [(0.3, 2.0), (-0.3, 2.0), (0.05, 1.0)] {
+            let ms = found(&mut Bench::driving(speed), slope);
+            assert!(ms.is_some_and(|ms| ms <= 270), "{speed} {slope}: {ms:?} ms");
+        }
+        // It brakes at first.
+        let mut bench = Bench::driving(0.6);
+        assert_eq!(bench.run(Order::Stop, -1.5, 250), None);
+        let ms = found(&mut bench, 2.0);
+        assert!(ms.is_some_and(|ms| ms <= 200), "{ms:?} ms");
+    }
+
+    #[test]
+    fn a_wheel_that_stood_or_is_on_a_slope_keeps_its_brake() {
+        // A slope that is a little steeper than the brake can hold.
+        let mut bench = Bench::driving(0.3);
+        assert_eq!(found(&mut bench, 0.7), None);
+        // Stopped, then pushed, however hard.
+        let mut bench = Bench::driving(0.3);
+        assert_eq!(bench.run(Order::Stop, -1.5, 500), None);
+        bench.speed = 0.03;
+        assert_eq!(found(&mut bench, 2.0), None);
+        // Pushed from standstill without having been driven.
+        let mut bench = Bench::driving(0.0);
+        bench.speed = 0.03;
+        assert_eq!(found(&mut bench, 2.0), None);
+        // Without power it rolled.
+        let mut bench = Bench::driving(0.3);
+        assert_eq!(bench.run(Order::None, 0.0, 200), None);
+        assert_eq!(found(&mut bench, 2.0), None);
+        // It still gains speed as commanded when the order to stop is on its way.
+        let mut bench = Bench::driving(0.3);
+        assert_eq!(bench.run(Order::Drive(0.6), 0.5, 300), None);
+        assert_eq!(bench.run(Order::Stop, 0.5, 100), None);
+        assert_eq!(bench.run(Order::Stop, -1.5, 1500), None);
     }
 
     #[test]

@@ -21,7 +21,7 @@ mod wheels;
 
 use super::{
     Axis, Canbus, Config, GpioConfig, HomingRelease, NAME, OutputConfig, PauseStop, PropulsionConfig, PropulsionDrive,
-    SecondWay, SteeringConfig, SteeringDrive, Stop, StopInput,
+    SecondWay, SteeringConfig, SteeringDrive, Stop, StopInput, UnbrakedStop,
 };
 use base::gpio::{LineId, Signal};
 use base::{Duration, Fault, Instant, Report, Severity, can};

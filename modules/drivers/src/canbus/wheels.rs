@@ -5,7 +5,7 @@ use super::drive::Drive;
 use super::lines::LineEngine;
 use super::propulsion::Propulsion;
 use super::servo::Servo;
-use super::{Axis, Config, ConfigError};
+use super::{Axis, Config, ConfigError, STANDSTILL_MPS};
 use base::Instant;
 use canopen::NodeConfig;
 use kinematics::{PerWheel, WheelState};
@@ -91,6 +91,11 @@ impl Wheels {
     /// True if each is known to be slower than `limit`, m/s, or cannot be asked.
     pub(super) fn are_slower_or_absent(&self, now: Instant, limit: f64) -> bool {
         self.0.iter().all(|wheel| wheel.is_slower(now, limit) || !wheel.is_up())
+    }
+
+    /// True if each is known to stand, or has no power because it gained speed against its brake, and cannot be asked.
+    pub(super) fn stand_or_are_cut(&self, now: Instant) -> bool {
+        self.0.iter().all(|wheel| wheel.is_slower(now, STANDSTILL_MPS) || wheel.is_cut() && !wheel.is_up())
     }
 
     /// True if each takes commands: it is booted, or started.

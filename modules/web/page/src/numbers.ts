@@ -134,6 +134,7 @@ export const HOLD = {
   SecondWayLost: 234,
   FeedOff: 235,
   WheelsDisagree: 236,
+  WheelStood: 237,
   CriticalModule: 301,
   WatchdogSilent: 302,
   SecondRobot: 303,

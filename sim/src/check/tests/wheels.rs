@@ -4,7 +4,7 @@ use super::*;
 use kinematics::{Chassis, Limits as OfWheel};
 
 /// A differential base with a track of 0.6 m: the drives of the other tests turn its left and its right wheel.
-fn differential() -> Limits {
+pub(super) fn differential() -> Limits {
     let limits = limits();
     let of_wheel = OfWheel { speed_mps: 1.2, acceleration_mps2: 0.5, deceleration_mps2: 0.8 };
     let wheel = |name: &str, drive: &wire::Drive| wire::Wheel {

@@ -209,6 +209,18 @@ fn a_drive_that_stands_although_it_is_to_move_stops_a_robot_without_odometry_soo
     assert_eq!(robot.hold(), None, "{}", robot.reason());
     robot.drive(0.4, 200);
     assert_eq!(robot.hold(), Some(Hold::DriveNoTarget), "{}", robot.reason());
+    // Its encoder may be dead: it does not try again by itself, nor at the next press.
+    robot.epos.blocked = false;
+    robot.pass(1500);
+    robot.press(0.4);
+    robot.drive(0.4, 500);
+    assert_eq!((robot.hold(), robot.moves()), (Some(Hold::WheelStood), false), "{}", robot.reason());
+    let (module, source) = (NAME.into(), "test".into());
+    robot.bench.message(common::CmdState { timestamp: 0, module, state: State::Run as i8, manual: true, source });
+    robot.pass(100);
+    robot.press(0.4);
+    robot.drive(0.4, 500);
+    assert!(robot.moves(), "{}", robot.reason());
     let mut robot = ready();
     robot.drive(0.4, 2000);
     robot.icla.blocked = true;

@@ -334,6 +334,45 @@ fn without_a_second_way_that_is_said_at_the_start_and_the_failure_is_reported() 
     assert!(robot.holds().contains(&(Hold::SpeedExceeded, "")), "{}", robot.reason());
 }
 
+#[test]
+fn a_wheel_that_gains_speed_while_it_is_to_stop_loses_its_power_where_nothing_cuts_its_feed() {
+    for (unbraked, slope, controlword) in [
+        (UnbrakedStop::Coast, 2.0, 0x00),
+        // The brake helps, and is kept.
+        (UnbrakedStop::Coast, 0.4, 0x0B),
+        (UnbrakedStop::Brake, 2.0, 0x0B),
+    ] {
+        let stop = Stop { second_way: SecondWay::None, unbraked, ..config().stop };
+        let mut robot = Robot::with(epos::dictionary(1), Config { stop, ..config() });
+        robot.pass(3000);
+        robot.press(0.3);
+        robot.drive(0.3, 1500);
+        robot.epos.stubborn = true;
+        // The command expires after 250 ms.
+        for n in 0..80 {
+            let speed = 0.3 + slope * (f64::from(n) * 0.01 - 0.25).max(0.0);
+            robot.epos.node.set(0x606C, 0, (speed * 2483.0) as i64);
+            robot.pass(10);
+        }
+        assert_eq!(robot.last_rpdo4().1[0], controlword, "{unbraked:?} {slope}: {}", robot.reason());
+        let failed = robot.errors.contains(&(Fault::StopFailed, Severity::Error));
+        assert!(failed && robot.holds().contains(&(Hold::SpeedExceeded, "")), "{}", robot.reason());
+        // Nothing moves it before an operator has let it go.
+        robot.epos.stubborn = false;
+        robot.epos.node.set(0x606C, 0, 0);
+        robot.pass(2000);
+        robot.press(0.3);
+        robot.drive(0.3, 500);
+        assert!(!robot.moves(), "{unbraked:?} {slope}");
+        let (module, source) = (NAME.into(), "test".into());
+        robot.bench.message(common::CmdState { timestamp: 0, module, state: State::Run as i8, manual: true, source });
+        robot.pass(100);
+        robot.press(0.3);
+        robot.drive(0.3, 1000);
+        assert!(robot.moves(), "{unbraked:?} {slope}: {}", robot.reason());
+    }
+}
+
 /// A robot whose motors are fed by an output of node 5, which begins with this value.
 fn with_output(value: i64) -> Robot {
     let output = OutputConfig { node: 5, index: 0x6200, subindex: 1, bits: 8, on: 1, cut: 0 };

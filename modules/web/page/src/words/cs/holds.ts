@@ -44,6 +44,7 @@ export const HOLDS: Readonly<Record<Code, readonly [words: string, remedy: strin
   234: ["druhý způsob zastavení neodpovídá", "Zkontrolujte, co odpojuje napájení motorů: napájení a kabel uzlu, nebo vodič GPIO."],
   235: ["napájení motorů je vypnuté", "Přesvědčte se, že se robot smí pohnout; pak ručně zapněte napájecí kanál motors."],
   236: ["údaje kol si odporují", "Zkontrolujte snímače otáček, kola a jejich pořadí na sběrnici; pak nejprve zadejte nulovou rychlost."],
+  237: ["hnané kolo stálo, ačkoli se mělo otáčet", "Uvolněte robota, nebo zkontrolujte snímač otáček kola; pak ručně zadejte driver_canbus stav RUN."],
 
   301: ["neběží nezbytný modul {}", "Počkejte několik sekund: {} se spustí znovu sám. Pokud ne, podívejte se na moduly."],
   302: ["dohled nad moduly (watchdog) neodpovídá", "Počkejte několik sekund: spustí se znovu sám."],
