@@ -3,9 +3,10 @@
 
 use super::{Robot, with_tables};
 use base::Duration;
-use messages::lowlevel::{CmdOutput, DataBattery, DataIo};
+use messages::lowlevel::{CmdOutput, DataBattery, DataIo, DataNodeIo, NodeValue};
 use messages::simulation::CmdFault;
 use messages::{Hold, Message};
+use module::admission::{Process, Sender, Way};
 use sim::host::{Config, News};
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -145,6 +146,29 @@ fn inputs_and_outputs_of_canopen_devices_and_a_battery_by_table_are_signals_as_a
     rig.robot.pass(5.0);
     assert_eq!((rig.value("gate"), rig.value("lamp")), ((1.0, true), (0.0, true)));
     assert_eq!(rig.reports(), ["Notice IoDeviceLost canopen.plc"]);
+}
+
+#[test]
+fn values_of_canopen_devices_are_accepted_from_their_driver_alone() {
+    // Level that driver_io publishes, while a sender claims for half a second that it is 7.
+    let published = |name: &str, pid: fn(&Rig) -> u32| {
+        let mut rig = Rig::with(name, DEVICES, None);
+        let process = Some(Process { pid: pid(&rig), uid: 0 });
+        let (begin, mut all) = (rig.robot.machine.now(), Vec::new());
+        for n in 0..50 {
+            let values = vec![NodeValue { name: "level".into(), value: 7.0 }];
+            let at = begin + n * Duration::from_millis(10);
+            rig.robot.machine.inject_by(at, Sender { way: Way::Memory, process }, DataNodeIo { timestamp: 0, values });
+        }
+        for _ in 0..50 {
+            rig.robot.pass(0.01);
+            all.push(rig.value("level"));
+        }
+        all
+    };
+    assert!(published("stranger", |_| 0).into_iter().all(|level| level == (-1.5, true)));
+    let of_driver = |rig: &Rig| rig.robot.machine.pid("driver_canbus").unwrap();
+    assert!(published("driver", of_driver).contains(&(7.0, true)), "it is its process that counts");
 }
 
 #[test]
