@@ -284,7 +284,7 @@ fn row(sheet: &Path) -> Option<String> {
     let run_dir = folder.join("run");
     let run = |args: &[&str]| {
         let mut command = support::advee(&format!("udpm://239.255.76.67:{port}?ttl=0"), &run_dir);
-        Outcome::of(command.args(args).output().expect("the executable is built"))
+        Outcome::within(command.args(args), PATIENCE)
     };
     let nodes = match Drives::start(port, &[1, 2], sheet)? {
         Err(errors) => {
