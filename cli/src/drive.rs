@@ -2,7 +2,8 @@
 //! `--rotation` or `--left` in place of the steering angle it commands a velocity of the body. It begins with its speed
 //! once `driver_canbus` carries out its zero: motion of a source that must still wait for another one would not move
 //! the robot, and then the source would have to send zero again.
-//! Before that it releases the robot where that waits for an operator: the latch of PAUSE, homing.
+//! Before that it releases the robot where that waits for an operator: the latch of PAUSE, homing. It ends once its last
+//! zero has expired.
 
 use super::bus::{Heard, Tool};
 use super::release::Release;
@@ -50,6 +51,8 @@ const PERIOD: Duration = Duration::from_millis(50);
 const READY: Duration = Duration::from_secs(20);
 /// Time limit for standstill at the end.
 const STAND: Duration = Duration::from_secs(3);
+/// Time limit for its last command to expire: that lives for a second at most.
+const EXPIRES: Duration = Duration::from_secs(2);
 /// Less counts as standing.
 const STANDS_MPS: f64 = 0.01;
 const STANDS_RADPS: f64 = 0.02;
@@ -182,6 +185,7 @@ pub fn drive(common: &Common, command: &Drive) -> Outcome {
     match stood {
         End::Reached => {
             let _ = print(format_args!("the robot stands"));
+            session.expire()?;
             Ok(ExitCode::SUCCESS)
         }
         End::Time | End::Interrupt => Err("the robot was told to stop and is not known to stand".into()),
@@ -256,6 +260,20 @@ impl Session {
                 Heard::Interrupt => return Ok(End::Interrupt),
             }
         }
+    }
+
+    /// Waits, without a command, until the last one has expired, or Ctrl-C: a goal that is older than that releases
+    /// nothing, and one that a person gives after this command is meant to.
+    fn expire(&mut self) -> Result<(), Failed> {
+        let until = clock::now() + EXPIRES;
+        while clock::now() < until {
+            match self.tool.hear(until)? {
+                Heard::Message(Message::LlDataMotion(motion)) if motion.source != self.tool.source => break,
+                Heard::Interrupt => break,
+                Heard::Message(_) | Heard::Nothing => {}
+            }
+        }
+        Ok(())
     }
 
     /// Who drives the robot while this source must wait. The first message may be from before its first zero.

@@ -19,7 +19,7 @@ const SIGNS: [Channel; 2] = [Channel::CmDataProcesses, Channel::LlDataMotion];
 
 /// Channels of a robot's own modules by which its other modules decide whether it may move, and where. Commands are not
 /// among them: who may command is configured (`[bus] commands`).
-const SAFETY: [Channel; 19] = [
+const SAFETY: [Channel; 20] = [
     Channel::CmDataProcesses,
     Channel::CmDataState,
     Channel::LlEventStop,
@@ -34,6 +34,7 @@ const SAFETY: [Channel; 19] = [
     Channel::LlDataRanges,
     Channel::LlDataScan,
     Channel::LlDataImu,
+    Channel::LlDataNodeIo,
     Channel::LlDataBeacons,
     Channel::LlDataActiveBeacons,
     Channel::LlDataPower,

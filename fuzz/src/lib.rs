@@ -24,6 +24,7 @@ targets! {
     can_udp,
     canopen_eds,
     canopen_engines,
+    canopen_io,
     canopen_node,
     canopen_sdo,
     config,

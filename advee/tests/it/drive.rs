@@ -277,6 +277,20 @@ fn a_command_to_drive_releases_what_pause_has_latched() {
 }
 
 #[test]
+fn a_goal_directly_after_a_command_to_drive_is_driven_to() {
+    support::undisturbed(|| {
+        let mut robot = Robot::ready(&[]);
+        let drove = robot.advee(&["drive", "0.3", "0", "--for", "1"]);
+        assert!(drove.status.success(), "{drove:?}");
+        let goal = robot.advee(&["goal", "5,6"]);
+        assert!(goal.status.success(), "{goal:?}");
+        // What was received meanwhile is of the drive.
+        robot.pass(0.3);
+        robot.until("the robot moves", 15.0, |view| view.speed().abs() > MOVES);
+    });
+}
+
+#[test]
 fn a_power_channel_is_switched_and_shown() {
     let robot = Robot::ready(&[]);
     let said = |args: &[&str]| {

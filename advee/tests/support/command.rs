@@ -1,7 +1,9 @@
 //! Outcome of a completed command.
 
 use serde_json::Value;
-use std::process::Output;
+use std::process::{Command, Output, Stdio};
+use std::sync::mpsc;
+use std::time::Duration;
 
 /// Exit code and output of a command.
 #[derive(Debug)]
@@ -16,6 +18,22 @@ impl Outcome {
     pub fn of(output: Output) -> Self {
         let text = |bytes| String::from_utf8(bytes).expect("output is text");
         Self { code: output.status.code(), out: text(output.stdout), err: text(output.stderr) }
+    }
+
+    /// Runs a command to its end; one that takes longer than `patience` is killed, and fails the test.
+    #[track_caller]
+    pub fn within(command: &mut Command, patience: Duration) -> Self {
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let child = command.spawn().expect("the executable is built");
+        let (pid, (ended, end)) = (child.id(), mpsc::channel());
+        std::thread::spawn(move || ended.send(child.wait_with_output()));
+        match end.recv_timeout(patience) {
+            Ok(output) => Self::of(output.expect("it is our child")),
+            Err(_) => {
+                crate::support::signal(pid as i32, "KILL");
+                panic!("not ended within {patience:?}: {command:?}");
+            }
+        }
     }
 
     /// Standard output of a command that succeeded without output on standard error.

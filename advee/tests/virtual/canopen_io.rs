@@ -3,9 +3,10 @@
 
 use super::{Robot, with_tables};
 use base::Duration;
-use messages::lowlevel::{CmdOutput, DataBattery, DataIo};
+use messages::lowlevel::{CmdOutput, DataBattery, DataIo, DataNodeIo, NodeValue};
 use messages::simulation::CmdFault;
 use messages::{Hold, Message};
+use module::admission::{Process, Sender, Way};
 use sim::host::{Config, News};
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -145,6 +146,22 @@ fn inputs_and_outputs_of_canopen_devices_and_a_battery_by_table_are_signals_as_a
     rig.robot.pass(5.0);
     assert_eq!((rig.value("gate"), rig.value("lamp")), ((1.0, true), (0.0, true)));
     assert_eq!(rig.reports(), ["Notice IoDeviceLost canopen.plc"]);
+}
+
+#[test]
+fn values_of_canopen_devices_are_not_accepted_from_another_sender_than_their_driver() {
+    let mut rig = Rig::with("stranger", DEVICES, None);
+    let begin = rig.robot.machine.now();
+    for n in 0..50 {
+        let values = vec![NodeValue { name: "level".into(), value: 7.0 }];
+        let stranger = Sender { way: Way::Memory, process: Some(Process { pid: 0, uid: 0 }) };
+        let at = begin + n * Duration::from_millis(10);
+        rig.robot.machine.inject_by(at, stranger, DataNodeIo { timestamp: 0, values });
+    }
+    for _ in 0..100 {
+        rig.robot.pass(0.005);
+        assert_eq!(rig.value("level"), (-1.5, true));
+    }
 }
 
 #[test]

@@ -270,3 +270,23 @@ fn a_lower_speed_limit_holds_for_goals_and_a_greater_one_than_configured_is_refu
     assert!(modes.observed.borrow().reports.contains(&(base::Fault::ParameterRefused as i32)));
     assert_eq!(limit(&modes).value, 0.15);
 }
+
+#[test]
+fn a_goal_counts_once_the_last_zero_by_hand_has_expired() {
+    for (after, drives) in [(0.05, false), (0.25, true)] {
+        let mut modes = Modes::new(4, &[]);
+        modes.robot.pass(3.0);
+        modes.robot.drive_anew(0.3, 0.0, 1.0);
+        modes.robot.pass(1.0);
+        modes.robot.drive(0.0, 0.0, 1.5);
+        // The last zero is 50 ms old.
+        modes.robot.pass(1.5 + after);
+        modes.go(1, 14.0, 6.0);
+        if drives {
+            modes.until("it drives", 10.0, |seen| seen.truth.speed > 0.2);
+        } else {
+            modes.stands_for(3.0);
+            assert_eq!(modes.robot.hold(), Some(Hold::PlannerLatched));
+        }
+    }
+}

@@ -18,6 +18,7 @@
 //! | other `LL_DATA_GUARD`, `LL_DATA_RANGES` | the process of `guard`, and of the ranging boards' driver, likewise |
 //! | `LL_DATA_SCAN`, `LL_DATA_IMU` | the process of the lidars' driver, and of that of the inertial units, likewise |
 //! | `LL_DATA_MOTION`, `LL_DATA_VELOCITY`, of a robot that stands, too | the process of the motion's driver, likewise |
+//! | `LL_DATA_NODE_IO`, whatever it says | the process of the motion's driver: it is the master of their bus |
 //! | `LL_DATA_POWER`, `ML_DATA_ESTIMATE`, whatever they say | the power controller's process, and the estimator's |
 //! | `LL_DATA_HOLD` of the motion's driver and of the planner | the process of the module that it names, likewise |
 //! | `CM_DATA_STATE` RUN or PAUSE, for the watchdog, which judges by it | the module's process, as it lists it |
@@ -34,7 +35,7 @@ use messages::middlelevel::CmdMode;
 use messages::{Channel, Message, StopSource};
 
 /// Channels by which a module reports that all is well; a module that subscribes to one also needs `CM_DATA_PROCESSES`.
-pub const RELEASES: [Channel; 11] = [
+pub const RELEASES: [Channel; 12] = [
     Channel::CmDataProcesses,
     Channel::LlEventStop,
     Channel::LlDataGuard,
@@ -43,6 +44,7 @@ pub const RELEASES: [Channel; 11] = [
     Channel::LlDataImu,
     Channel::LlDataMotion,
     Channel::LlDataVelocity,
+    Channel::LlDataNodeIo,
     Channel::LlDataPower,
     Channel::LlDataHold,
     Channel::MlDataEstimate,
@@ -418,6 +420,8 @@ fn effect(heard: &Message) -> Effect {
         Message::LlDataScan(_) => Effect::Frees(Witness::Lidar),
         Message::LlDataImu(_) => Effect::Frees(Witness::Imu),
         Message::LlDataMotion(_) | Message::LlDataVelocity(_) => Effect::Frees(Witness::Motion),
+        // An input may permit what a program does. One that is unknown would take the place of the true one as well.
+        Message::LlDataNodeIo(_) => Effect::Frees(Witness::Motion),
         Message::LlDataPower(_) => Effect::Frees(Witness::Power),
         // One that is lost would take the place of the true one as well.
         Message::MlDataEstimate(_) => Effect::Frees(Witness::Estimator),
@@ -814,18 +818,26 @@ mod tests {
         lowlevel::DataPower { channels: vec![motors], ..Default::default() }.into()
     }
 
+    /// Value of a signal of a CANopen device.
+    fn node_io(value: f64) -> Message {
+        let values = vec![lowlevel::NodeValue { name: "gate".into(), value }];
+        lowlevel::DataNodeIo { timestamp: 0, values }.into()
+    }
+
     /// Empty list of causes of a module.
     fn holds(module: &str) -> Message {
         lowlevel::DataHold { module: module.into(), ..Default::default() }.into()
     }
 
     #[test]
-    fn pose_power_and_causes_are_believed_from_the_module_that_knows_them() {
+    fn pose_power_signals_and_causes_are_believed_from_the_module_that_knows_them() {
         use messages::{GOAL_MODULE, MOTION_MODULE};
         let table = [
             (estimate(middlelevel::DataEstimate::FINE), ESTIMATOR),
             // It would stop the planner, and make the true ones come out of order.
             (estimate(middlelevel::DataEstimate::LOST), ESTIMATOR),
+            (node_io(1.0), MOTION),
+            (node_io(f64::NAN), MOTION),
             (power(false), POWER),
             (power(true), POWER),
             (lowlevel::DataPower::default().into(), POWER),

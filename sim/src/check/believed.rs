@@ -71,7 +71,9 @@ impl Believed {
                 self.reports_the_source(sender, &stop.source, limits)
             }
             Message::LlEventStop(_) if limits.power.is_some() => self.reports_the_line(sender, limits),
-            Message::LlDataMotion(_) | Message::LlDataVelocity(_) => is_one_of(sender, &self.drivers),
+            Message::LlDataMotion(_) | Message::LlDataVelocity(_) | Message::LlDataNodeIo(_) => {
+                is_one_of(sender, &self.drivers)
+            }
             Message::LlDataGuard(_) if limits.guard.is_some() => is_one_of(sender, &self.guards),
             Message::LlDataPower(_) if limits.power.is_some() => is_one_of(sender, &self.controllers),
             Message::MlDataEstimate(_) if limits.estimator.is_some() => is_one_of(sender, &self.estimators),

@@ -15,11 +15,11 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 /// Timeout, longer than a loaded machine takes.
-const PATIENCE: Duration = Duration::from_secs(20);
+pub const PATIENCE: Duration = Duration::from_secs(20);
 /// Folders made so far.
 static FOLDERS: AtomicU32 = AtomicU32::new(0);
-const FOLDER: &str = "buses/canopen/eds/others";
-const WHEELS: [(u8, &str); 2] = [(1, "left"), (2, "right")];
+pub const FOLDER: &str = "buses/canopen/eds/others";
+pub const WHEELS: [(u8, &str); 2] = [(1, "left"), (2, "right")];
 /// Motor turns per turn of a wheel; the right one is mounted the other way round.
 const GEAR: [i32; 2] = [20, -20];
 /// Radius and track of the courier's wheels, m.
@@ -29,7 +29,7 @@ const TRACK_M: f64 = 0.42;
 const STOPPED_WITHIN: f64 = 0.3;
 
 /// What a person adds to a sheet.
-struct Given {
+pub struct Given {
     sheet: &'static str,
     /// Lines of each wheel beside the gear.
     lines: &'static str,
@@ -43,12 +43,12 @@ const GIVEN: [Given; 1] = [Given { sheet: "ros2_cia402_slave.eds", lines: "count
 /// Of a sheet that states its units: rpm.
 const STATED: Given = Given { sheet: "", lines: "", per_turn: 60.0 };
 
-fn given(sheet: &str) -> &'static Given {
+pub fn given(sheet: &str) -> &'static Given {
     GIVEN.iter().find(|given| given.sheet == sheet).unwrap_or(&STATED)
 }
 
 /// Folder of a robot: the courier's measures and limits, and these wheels.
-fn robot(sheet: &Path, given: &Given) -> PathBuf {
+pub fn robot(sheet: &Path, given: &Given) -> PathBuf {
     let name = sheet.file_name().expect("a file").to_str().expect("UTF-8");
     // Both tests try the same sheet, at the same time.
     let (process, number) = (std::process::id(), FOLDERS.fetch_add(1, Ordering::Relaxed));
@@ -75,7 +75,7 @@ fn robot(sheet: &Path, given: &Given) -> PathBuf {
 }
 
 /// Velocities of the wheels' drives in their units: `forward` in m/s, `rotation` to the left in rad/s.
-fn velocities(given: &Given, forward: f64, rotation: f64) -> [i32; 2] {
+pub fn velocities(given: &Given, forward: f64, rotation: f64) -> [i32; 2] {
     let treads = [forward - rotation * TRACK_M / 2.0, forward + rotation * TRACK_M / 2.0];
     let turns = |tread: f64| tread / (std::f64::consts::TAU * RADIUS_M);
     let drive = |side: usize| (turns(treads[side]) * f64::from(GEAR[side]) * given.per_turn).round() as i32;
@@ -84,11 +84,11 @@ fn velocities(given: &Given, forward: f64, rotation: f64) -> [i32; 2] {
 
 /// Line of the script: what a drive reports.
 #[derive(Clone, Debug)]
-struct Line {
+pub struct Line {
     /// Monotonic time, s.
-    at: f64,
-    node: u8,
-    text: String,
+    pub at: f64,
+    pub node: u8,
+    pub text: String,
 }
 
 impl Line {
@@ -98,20 +98,20 @@ impl Line {
         Some(Self { at, node, text: words.next()?.into() })
     }
 
-    fn number(&self, what: &str) -> Option<i32> {
+    pub fn number(&self, what: &str) -> Option<i32> {
         self.text.strip_prefix(what)?.trim().parse().ok()
     }
 }
 
 /// Monotonic time of this machine, s, as the script reports it.
-fn monotonic() -> f64 {
+pub fn monotonic() -> f64 {
     let now = clock_gettime(ClockId::CLOCK_MONOTONIC).expect("a clock");
     now.tv_sec() as f64 + now.tv_nsec() as f64 * 1e-9
 }
 
-/// Drives in a process, and all that they have reported.
-struct Drives {
-    script: Script,
+/// Nodes in a process, and all that they have reported.
+pub struct Drives {
+    pub script: Script,
     log: Vec<Line>,
     /// The first line to be searched.
     from: usize,
@@ -120,24 +120,28 @@ struct Drives {
 impl Drives {
     /// Drives of a sheet on the bus of a robot with this port; `None`, with a report, without a Python that has the
     /// peers; the reason, if the sheet cannot be loaded.
-    fn start(lcm_port: u16, nodes: &[u8], sheet: &Path) -> Option<Result<Self, String>> {
+    pub fn start(lcm_port: u16, nodes: &[u8], sheet: &Path) -> Option<Result<Self, String>> {
         let bus = format!("udp:239.74.163.2:{}", robot::topology::can_port_beside(lcm_port));
         let nodes = nodes.iter().map(|node| format!("{node}={}", sheet.display()));
         let args: Vec<String> = std::iter::once(bus).chain(nodes.clone()).collect();
-        let script = Script::run("examples/canopen_drives.py", &args)?;
-        let mut drives = Self { script, log: Vec::new(), from: 0 };
+        Self::run("examples/canopen_drives.py", &args, nodes.len())
+    }
+
+    /// The same with this script and its arguments, which makes this number of nodes.
+    pub fn run(file: &str, args: &[String], count: usize) -> Option<Result<Self, String>> {
+        let mut drives = Self { script: Script::run(file, args)?, log: Vec::new(), from: 0 };
         let begin = Instant::now();
-        while drives.log.iter().filter(|line| line.text.starts_with("ready")).count() < nodes.len() {
+        while drives.log.iter().filter(|line| line.text.starts_with("ready")).count() < count {
             if let Some(errors) = drives.script.failed() {
                 return Some(Err(errors));
             }
-            assert!(begin.elapsed() < PATIENCE, "the drives do not start");
+            assert!(begin.elapsed() < PATIENCE, "{file} does not start");
             drives.read();
         }
         Some(Ok(drives))
     }
 
-    fn read(&mut self) {
+    pub fn read(&mut self) {
         std::thread::sleep(Duration::from_millis(2));
         while let Some(line) = self.script.heard() {
             self.log.extend(Line::parse(&line));
@@ -145,14 +149,14 @@ impl Drives {
     }
 
     /// Lines that come from now on.
-    fn anew(&mut self) {
+    pub fn anew(&mut self) {
         self.read();
         self.from = self.log.len();
     }
 
     /// Waits for a line of a node.
     #[track_caller]
-    fn until(&mut self, node: u8, what: &str, is_it: impl Fn(&Line) -> bool) -> Line {
+    pub fn until(&mut self, node: u8, what: &str, is_it: impl Fn(&Line) -> bool) -> Line {
         let begin = Instant::now();
         loop {
             let mut lines = self.log[self.from..].iter();
@@ -167,9 +171,14 @@ impl Drives {
 
     /// Waits until a node moves at a velocity, within 2 %.
     #[track_caller]
-    fn until_velocity(&mut self, node: u8, velocity: i32) -> Line {
+    pub fn until_velocity(&mut self, node: u8, velocity: i32) -> Line {
         let near = |it: i32| (it - velocity).abs() <= velocity.abs() / 50 + 1 && it.signum() == velocity.signum();
         self.until(node, &format!("velocity {velocity}"), |line| line.number("velocity").is_some_and(near))
+    }
+
+    /// True if there is such a line since [`Self::anew`].
+    pub fn has(&self, is_it: impl Fn(&Line) -> bool) -> bool {
+        self.log[self.from..].iter().any(is_it)
     }
 
     /// Last state of a node.
@@ -185,7 +194,7 @@ impl Drives {
 }
 
 /// Command that is ended with the test, whatever its outcome.
-struct Command(Child);
+pub struct Command(pub Child);
 
 impl Drop for Command {
     fn drop(&mut self) {
@@ -275,7 +284,7 @@ fn row(sheet: &Path) -> Option<String> {
     let run_dir = folder.join("run");
     let run = |args: &[&str]| {
         let mut command = support::advee(&format!("udpm://239.255.76.67:{port}?ttl=0"), &run_dir);
-        Outcome::of(command.args(args).output().expect("the executable is built"))
+        Outcome::within(command.args(args), PATIENCE)
     };
     let nodes = match Drives::start(port, &[1, 2], sheet)? {
         Err(errors) => {

@@ -109,6 +109,13 @@ pub struct Reading {
 }
 
 impl Reading {
+    /// The COB-ID with its bits 29 to 31 as it was read; [`INVALID`] before that. A caller that takes a PDO under one
+    /// identifier alone need not read further.
+    #[must_use]
+    pub const fn cob_id(&self) -> u32 {
+        self.pdo.cob_id
+    }
+
     /// The object to read now; `None`: all is read, or it makes no sense.
     #[must_use]
     pub const fn object(&self) -> Option<(u16, u8)> {

@@ -7,13 +7,16 @@ use crate::sys::{self, CMSPAR, Rs485Direction};
 use nix::errno::Errno;
 use nix::fcntl::{OFlag, open};
 use nix::libc::{self, termios2};
-use nix::sys::stat::Mode;
+use nix::sys::stat::{FileStat, Mode, fstat, lstat};
 use nix::sys::termios::{FlushArg, tcflush};
-use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::path::{Path, PathBuf};
+use std::{fs, io};
 
 /// Maximum relative error of the bit rate: half a bit over the 11 bits of a word, shared by both ends.
 const BAUD_TOLERANCE: f64 = 0.02;
+/// Maximum number of links that are followed, as by the kernel.
+const LINKS_MAX: u32 = 40;
 
 /// An open device.
 pub struct Opened {
@@ -35,10 +38,34 @@ pub fn open_terminal(config: &TerminalConfig) -> Result<Opened, Lost> {
         io::ErrorKind::WouldBlock => named(&"another process holds it"),
         _ => named(&error),
     })?;
+    if Driver::of(file.as_fd()) == Driver::Pseudo && is_stale(&config.path, file.as_fd()) {
+        return Err(named(&"leads to a pseudo-terminal that has ended; its number is of another one now"));
+    }
     let mut notes = Vec::new();
     set_up(file.as_fd(), settings, config, &mut notes).map_err(|why| named(&why))?;
     tcflush(&file, FlushArg::TCIOFLUSH).map_err(|errno| named(&errno.desc()))?;
     Ok(Opened { file, notes })
+}
+
+/// True if the last link on the way to a pseudo-terminal is older than the terminal: the process that made the link was
+/// killed, and the number of its terminal was given to the next one, of whatever line.
+fn is_stale(path: &Path, terminal: BorrowedFd<'_>) -> bool {
+    let changed = |stat: FileStat| (stat.st_ctime, stat.st_ctime_nsec);
+    let link = last_link(path).and_then(|link| lstat(&link).ok());
+    link.zip(fstat(terminal).ok()).is_some_and(|(link, terminal)| changed(link) < changed(terminal))
+}
+
+/// Last of the links that lead from a path to a file; `None` if the path is the file.
+fn last_link(path: &Path) -> Option<PathBuf> {
+    let mut path = path.to_owned();
+    for _ in 0..LINKS_MAX {
+        let target = path.parent()?.join(fs::read_link(&path).ok()?);
+        if !target.is_symlink() {
+            return Some(path);
+        }
+        path = target;
+    }
+    None
 }
 
 fn set_up(

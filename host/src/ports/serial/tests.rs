@@ -45,6 +45,34 @@ fn a_stale_link_is_removed_before_the_first_terminal_is_open() {
     assert!(!link.is_symlink());
 }
 
+/// A link that is left to a terminal that ended, and one to the next terminal of that number; `None` if another process
+/// was given the number.
+fn reused() -> Option<(PathBuf, PathBuf, Serial)> {
+    let (first, left, next) = (path("first"), path("left"), path("next"));
+    let ended = offer(&first);
+    let place = std::fs::read_link(&first).unwrap();
+    std::os::unix::fs::symlink(&place, &left).unwrap();
+    drop(ended);
+    // The clock of files has steps of some milliseconds.
+    thread::sleep(std::time::Duration::from_millis(20));
+    let side = offer(&next);
+    (std::fs::read_link(&next).unwrap() == place).then_some((left, next, side))
+}
+
+#[test]
+fn a_link_that_is_older_than_its_pseudo_terminal_is_not_opened() {
+    let (left, next, _side) = (0..100).find_map(|_| reused()).expect("numbers are given away again");
+    let refused = Serial::terminal(TerminalConfig::new(left.clone(), 115_200)).open().unwrap_err();
+    assert!(refused.contains("leads to a pseudo-terminal that has ended"), "{refused}");
+    // What leads to a link is not judged by its age.
+    std::fs::remove_file(&left).unwrap();
+    std::os::unix::fs::symlink(&next, &left).unwrap();
+    for good in [&left, &next] {
+        Serial::terminal(TerminalConfig::new(good.clone(), 115_200)).open().unwrap();
+    }
+    std::fs::remove_file(&left).unwrap();
+}
+
 #[test]
 fn a_rate_beyond_the_list_of_posix_is_set_exactly() {
     let link = path("rate");

@@ -9,7 +9,9 @@
 //!           an event-driven TPDO sends changes only, so its silence proves nothing. Without `LL_CMD_NODE_IO` for
 //!           [`ORDER_TTL`] outputs get their safe values
 //! Mapping   read at each start, and again after another master. A TPDO is taken only if its identifier is the one of
-//!           the pre-defined connection set: a frame under that identifier is of another node otherwise
+//!           the pre-defined connection set: a frame under that identifier is of another node otherwise. A read of it
+//!           without an answer is repeated, up to [`MAPPING_UNANSWERED_MAX`] for a TPDO. Until its mapping is known a TPDO
+//!           is dropped, and inputs are what answers to SDO requests prove: unknown 0.5 s after the last one
 //! Length    an answer or a TPDO that has not the length of its object or mapping is dropped and reported
 //! Stops     an input of `[stop]` goes to the PAUSE line as it is received; see `pause`
 //!
@@ -20,6 +22,7 @@ use super::pause::PauseLine;
 use crate::io::{Canopen, CanopenKeys, ObjectKeys, ObjectKind, ObjectPlace};
 use base::{Duration, Fault, Instant, Level, Severity};
 use canopen::master::{BootError, ConfigWrite, Expect, LostReason, Step, Ticket};
+use canopen::pdo::{self, Reading};
 use canopen::wire::{Emergency, Service};
 use canopen::{Master, NodeConfig, Payload, sdo};
 use messages::lowlevel::{CmdNodeIo, DataNodeIo, NodeValue};
@@ -41,14 +44,12 @@ const EMERGENCY_PAUSE: Duration = Duration::from_secs(1);
 const UNANSWERED_MAX: u8 = 2;
 /// TPDOs with an identifier of the pre-defined connection set.
 const TPDOS: usize = 4;
-/// Communication record of the first TPDO: its identifier is at sub-index 1.
+/// Communication record of the first TPDO.
 const TPDO_COMMUNICATION: u16 = 0x1800;
-/// Mapping record of the first TPDO.
-const TPDO_MAPPING: u16 = 0x1A00;
 /// Bit of an identifier that forbids remote frames.
 const NO_RTR: u32 = 1 << 30;
-/// Most entries of a mapping that are read.
-const ENTRIES_MAX: u8 = 64;
+/// Reads without an answer after which a TPDO is given up, until the device starts again.
+const MAPPING_UNANSWERED_MAX: u8 = 3;
 
 /// A signal.
 #[derive(Debug)]
@@ -106,14 +107,24 @@ struct Map {
     objects: Vec<Mapped>,
 }
 
-/// The mapping that is being read: the TPDO from 0, the next entry, 0 for their number, and what precedes it.
-#[derive(Clone, Copy, Debug, Default)]
+/// The mapping that is being read.
+#[derive(Clone, Debug)]
 struct Learning {
+    /// The TPDO, from 0.
     tpdo: usize,
-    /// `None`: its identifier is read first.
-    entry: Option<u8>,
-    count: u8,
-    bits: usize,
+    reading: Reading,
+    /// Reads without an answer.
+    unanswered: u8,
+    /// Nothing of it is read before.
+    due: Instant,
+}
+
+impl Learning {
+    /// `None`: there is no such TPDO.
+    fn of(tpdo: usize) -> Option<Self> {
+        let reading = pdo::read_plan(TPDO_COMMUNICATION + tpdo as u16);
+        (tpdo < TPDOS).then_some(Self { tpdo, reading, unanswered: 0, due: Instant::ZERO })
+    }
 }
 
 /// What is asked.
@@ -121,7 +132,8 @@ struct Learning {
 enum Asked {
     Read(usize),
     Write(usize, u32),
-    Mapping(Learning),
+    /// The next object of [`Learning`].
+    Mapping,
 }
 
 /// A device.
@@ -463,7 +475,9 @@ impl Device {
     /// Its TPDOs may be mapped in another way, as by another master: none is taken before its mapping is read.
     fn unlearn(&mut self) {
         self.maps = Default::default();
-        self.learning = self.keys.pdo.then(Learning::default);
+        self.learning = Learning::of(0).filter(|_| self.keys.pdo);
+        // An answer that is on its way is of the mapping that was read before.
+        self.asked.take_if(|(.., asked)| matches!(asked, Asked::Mapping));
     }
 
     fn is_there(&mut self, out: &mut Actions) {
@@ -493,16 +507,13 @@ impl Device {
         }
         let next = self.objects.iter().enumerate().map(|(n, object)| (self.due(object), n)).min();
         let next = next.filter(|(due, _)| *due <= now).map(|(_, n)| n);
-        let learning = self.learning.filter(|_| next.is_none() || !self.learned);
-        self.learned = learning.is_some();
+        let learning =
+            self.learning.as_ref().filter(|learning| learning.due <= now && (next.is_none() || !self.learned));
+        let mapping = learning.and_then(|learning| learning.reading.object());
+        self.learned = mapping.is_some();
         let node = self.keys.node;
-        let asked = match (learning, next) {
-            (Some(learning), _) => {
-                let tpdo = learning.tpdo as u16;
-                let mapping = learning.entry.map(|entry| (TPDO_MAPPING + tpdo, entry));
-                let (index, sub) = mapping.unwrap_or((TPDO_COMMUNICATION + tpdo, 1));
-                master.sdo_read(now, node, index, sub).map(|ticket| (ticket, Asked::Mapping(learning)))
-            }
+        let asked = match (mapping, next) {
+            (Some((index, sub)), _) => master.sdo_read(now, node, index, sub).map(|ticket| (ticket, Asked::Mapping)),
             (None, Some(n)) => {
                 let object = &self.objects[n];
                 let (bits, period) =
@@ -530,7 +541,7 @@ impl Device {
             return None;
         }
         let due = self.objects.iter().map(|object| self.due(object));
-        due.chain(self.learning.map(|_| Instant::ZERO)).min().map(|due| due.max(self.gate))
+        due.chain(self.learning.as_ref().map(|learning| learning.due)).min().map(|due| due.max(self.gate))
     }
 
     /// The answer to what was asked at `at`.
@@ -557,7 +568,9 @@ impl Device {
             }
         }
         match (asked, result) {
-            (Asked::Mapping(learning), result) => self.on_mapping(learning, result.ok()),
+            (Asked::Mapping, Ok(data)) => self.on_mapping(Some(data)),
+            (Asked::Mapping, Err(sdo::Error::Refused(_))) => self.on_mapping(None),
+            (Asked::Mapping, Err(_)) => self.on_mapping_unanswered(now, out),
             (Asked::Read(n), Ok(data)) => {
                 let fits = self.take(at, n, data, line);
                 self.judge(now, n, if fits { None } else { Some("an answer of another length or value".into()) }, out);
@@ -619,37 +632,41 @@ impl Device {
         fits
     }
 
-    /// The identifier of a TPDO, the number of its entries, or one of them; `None`: the device has not got it.
-    fn on_mapping(&mut self, learning: Learning, data: Option<&[u8]>) {
-        let Learning { tpdo, entry, count, bits } = learning;
-        let number = data.filter(|data| (1..=4).contains(&data.len()));
-        let number = number.map(|data| data.iter().rev().fold(0_u32, |all, byte| all << 8 | u32::from(*byte)));
+    /// An object of a TPDO; `None`: the device has not got it.
+    fn on_mapping(&mut self, data: Option<&[u8]>) {
+        let Some(Learning { tpdo, reading, .. }) = &mut self.learning else { return };
+        let tpdo = *tpdo;
+        reading.found(data);
         let service = Service::Tpdo { node: self.keys.node, number: tpdo as u8 + 1 };
-        let next = match (number, entry) {
-            // Without the bit that switches it off.
-            (Some(cob_id), None) if cob_id & !NO_RTR == u32::from(service.cob_id()) => {
-                Some(Learning { entry: Some(0), ..learning })
-            }
-            (Some(count), Some(0)) if (1..=u32::from(ENTRIES_MAX)).contains(&count) => {
-                Some(Learning { tpdo, entry: Some(1), count: count as u8, bits: 0 })
-            }
-            (Some(mapped), Some(entry @ 1..)) => {
-                let (index, sub, len) = ((mapped >> 16) as u16, (mapped >> 8) as u8, usize::from(mapped as u8));
+        let is_own = reading.cob_id() & !NO_RTR == u32::from(service.cob_id());
+        if is_own && reading.object().is_some() {
+            return;
+        }
+        let read = self.learning.take().filter(|_| is_own).and_then(|learning| learning.reading.finish());
+        if let Some(layout) = read.and_then(|pdo| pdo.layout().ok()) {
+            let place = |item: &pdo::Item| {
+                let pdo::Mapped { index, sub, bits } = item.mapped;
                 let own = |object: &Object| (object.index, object.sub, object.output) == (index, sub, false);
-                let in_bytes = len > 0 && len % 8 == 0 && bits % 8 == 0;
-                if let Some(object) = self.objects.iter().position(own).filter(|_| in_bytes) {
-                    self.maps[tpdo].objects.push(Mapped { object, first: bits / 8, len: len / 8 });
-                }
-                let bits = bits + len;
-                if entry == count && bits <= 64 {
-                    self.maps[tpdo].len = bits.div_ceil(8);
-                }
-                (entry < count && bits <= 64).then_some(Learning { tpdo, entry: Some(entry + 1), count, bits })
-            }
-            _ => None,
-        };
-        let following = || (tpdo + 1 < TPDOS).then_some(Learning { tpdo: tpdo + 1, ..Learning::default() });
-        self.learning = next.or_else(following);
+                let object = self.objects.iter().position(own).filter(|_| item.offset % 8 == 0 && bits % 8 == 0)?;
+                Some(Mapped { object, first: usize::from(item.offset / 8), len: usize::from(bits / 8) })
+            };
+            let objects = layout.items().iter().filter_map(place).collect();
+            self.maps[tpdo] = Map { len: layout.len(), objects };
+        }
+        self.learning = Learning::of(tpdo + 1);
+    }
+
+    /// An object of a TPDO was asked in vain: it is asked again, or the TPDO is given up.
+    fn on_mapping_unanswered(&mut self, now: Instant, out: &mut Actions) {
+        let Some(learning) = &mut self.learning else { return };
+        learning.unanswered += 1;
+        learning.due = now + RETRY;
+        if learning.unanswered >= MAPPING_UNANSWERED_MAX {
+            let (name, number) = (&self.name, learning.tpdo + 1);
+            let text = format!("{name}: no answer about the mapping of TPDO {number}: not used until the next start");
+            out.say(Level::Warning, text);
+            self.learning = Learning::of(learning.tpdo + 1);
+        }
     }
 
     fn on_pdo(&mut self, now: Instant, number: u8, data: &[u8], line: &mut PauseLine, out: &mut Actions) {

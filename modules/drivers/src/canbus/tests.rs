@@ -111,6 +111,8 @@ struct Robot {
     more: Vec<Fake>,
     /// Node whose output feeds the motors, or level of the GPIO line that does, and the values written to it.
     output: Option<Node>,
+    /// Identifiers and first bytes of requests to that node that are lost, each once.
+    lost: Vec<(can::Id, [u8; 4])>,
     line: Option<bool>,
     /// The line keeps its level.
     stuck: bool,
@@ -151,6 +153,7 @@ impl Robot {
             icla: Fake::new(icla::dictionary(2), 6),
             more: Vec::new(),
             output: None,
+            lost: Vec::new(),
             line: None,
             stuck: false,
             held: None,
@@ -235,7 +238,13 @@ impl Robot {
                         self.epos.handle_rx(now, &frame);
                         self.icla.handle_rx(now, &frame);
                         self.more.iter_mut().for_each(|drive| drive.handle_rx(now, &frame));
-                        if let Some(output) = &mut self.output {
+                        let lost = self
+                            .lost
+                            .iter()
+                            .position(|(id, first)| frame.id() == *id && frame.data().starts_with(first));
+                        if let Some(lost) = lost {
+                            self.lost.remove(lost);
+                        } else if let Some(output) = &mut self.output {
                             output.handle_rx(now, &frame);
                         }
                     }

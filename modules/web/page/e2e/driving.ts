@@ -123,6 +123,57 @@ scene("arrow keys and WASD drive while they are held", async ({ robot, visit }) 
   await robot.bus.stops();
 });
 
+scene(
+  "a base that can goes sideways by Q and E, and by the pad, and the status shows it",
+  async ({ robot, visit }) => {
+    const v = await visit({ as: "operator" });
+    await v.takeControl();
+    const { bus } = robot;
+    const start = bus.truth();
+    /** How far it has gone to its left and ahead since the start, m. */
+    const gone = () => {
+      const [dx, dy, { theta }] = [bus.truth().x - start.x, bus.truth().y - start.y, start];
+      return { left: dy * Math.cos(theta) - dx * Math.sin(theta), ahead: dx * Math.cos(theta) + dy * Math.sin(theta) };
+    };
+    const speed = v.page.getByRole("list", { name: "Speed, position, battery" }).getByText(/^Speed [\d.]+/);
+    const goes = async () => {
+      await v.shows("Driving");
+      await until("the status shows the speed", 5, async () => Number(/[\d.]+/.exec((await speed.textContent()) ?? "")?.[0]) > 0.05);
+    };
+    const { keyboard } = v.page;
+    for (const [key, side] of [["q", 1], ["e", -1]] as const) {
+      bus.forget();
+      const before = gone();
+      // Should a busy machine have let the first press go, it is pressed anew.
+      for (await keyboard.down(key); !(await bus.goesSideways(side)); await keyboard.down(key)) await keyboard.up(key);
+      await goes();
+      await until(`it has gone to side ${side}`, 10, () => side * (gone().left - before.left) > 0.2);
+      await keyboard.up(key);
+      await bus.endsSideways();
+      ok(Math.abs(gone().ahead - before.ahead) < 0.1, `${gone().ahead - before.ahead} m ahead`);
+    }
+    await v.press(v.button("Go sideways"));
+    bus.forget();
+    const aside = async () => {
+      const hand = await v.hold(0);
+      await hand.move(hand.x - hand.half * 0.6, hand.y);
+      return hand;
+    };
+    let hand = await aside();
+    while (!(await bus.goesSideways(1))) {
+      await hand.up();
+      hand = await aside();
+    }
+    await goes();
+    await hand.up();
+    await bus.endsSideways();
+    await v.gaveZero();
+    await v.shows("Ready");
+  },
+  [],
+  "conf/porter",
+);
+
 scene("a gamepad drives while its shoulder button is held, and its going away is zero", async ({ robot, visit }) => {
   const v = await visit({
     as: "operator",

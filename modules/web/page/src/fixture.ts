@@ -311,7 +311,7 @@ function said(each: Command): boolean {
       if (each.name === "margin_m") robot.margin = each.value;
       break;
   }
-  tell({ type: "done", id: each.id });
+  tell({ type: "done", id: each.id, timestamp: null });
   return true;
 }
 

@@ -1,6 +1,6 @@
 // What an operator does from anywhere in the page, each with its outcome said: stop, let go on, take and give back control.
 import { computed, signal } from "@preact/signals";
-import { listen, say, type Sayable } from "./connection/command";
+import { listen, type Reply, say, type Sayable } from "./connection/command";
 import { post } from "./access/pairing";
 import { isHeld } from "./holds";
 import { clock, commandLink, drive, fresh, holder, may, role, system, UNHELD } from "./state";
@@ -10,10 +10,15 @@ import { said } from "./words/said";
 
 /** Says a command; a refusal is shown in its own words. Whether it was done. */
 export async function order(command: Sayable, done?: string): Promise<boolean> {
+  return (await ordered(command, done)).type !== "refused";
+}
+
+/** The same; gives the answer. */
+export async function ordered(command: Sayable, done?: string): Promise<Reply> {
   const reply = await say(command);
   if (reply.type === "refused") toast(sentence(reply.why), "bad");
   else if (done) toast(done, "good");
-  return reply.type !== "refused";
+  return reply;
 }
 
 /** The robot's words as a sentence, in the language of the page: a capital at the beginning, a stop at the end. */

@@ -794,8 +794,11 @@ export type Answer =
   | { type: "authority"; holder: Holder | null; yours: boolean; why: string }
   /** The server has ended a hold: zero was sent. */
   | { type: "ended"; hold: number; why: string }
-  /** The command was published; its effect appears in the view. */
-  | { type: "done"; id: number }
+  /**
+   * The command was published; its effect appears in the view. `timestamp`: that of its message, by which an answer
+   * such as `command` in `SIM_DATA_RUN` is recognized; null where it is no single message.
+   */
+  | { type: "done"; id: number; timestamp: number | null }
   /** The command was rejected. */
   | { type: "refused"; id: number | null; why: string }
   /** Answer to `sdo`. `abort`: abort code of CiA 301, 0 where there is data. */

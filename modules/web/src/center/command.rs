@@ -168,8 +168,9 @@ pub enum Answer<'a> {
     Authority { holder: Option<Holder>, yours: bool, why: &'a str },
     /// The server has ended a hold: zero was sent.
     Ended { hold: u64, why: &'a str },
-    /// The command was published; its effect appears in the view.
-    Done { id: i64 },
+    /// The command was published; its effect appears in the view. `timestamp`: that of its message, by which an answer
+    /// such as `command` in `SIM_DATA_RUN` is recognized; null where it is no single message.
+    Done { id: i64, timestamp: Option<i64> },
     /// The command was rejected.
     Refused { id: Option<i64>, why: &'a str },
     /// Answer to `sdo`. `abort`: abort code of CiA 301, 0 where there is data.
@@ -593,7 +594,8 @@ mod tests {
                 r#"{"type":"authority","holder":null,"yours":false,"why":""}"#,
             ),
             (Answer::Ended { hold: 4, why: "y" }, r#"{"type":"ended","hold":4,"why":"y"}"#),
-            (Answer::Done { id: 1 }, r#"{"type":"done","id":1}"#),
+            (Answer::Done { id: 1, timestamp: None }, r#"{"type":"done","id":1,"timestamp":null}"#),
+            (Answer::Done { id: 1, timestamp: Some(7) }, r#"{"type":"done","id":1,"timestamp":7}"#),
             (Answer::Refused { id: None, why: "z" }, r#"{"type":"refused","id":null,"why":"z"}"#),
             (
                 Answer::Sdo { id: 1, data: "00".into(), abort: 0, why: String::new() },

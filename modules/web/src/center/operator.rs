@@ -217,6 +217,7 @@ impl Page {
             return self.refuse(Refusal::NotGranted, id, &why, false);
         }
         let (command_queue, me) = (&self.app.command_queue, self.id);
+        let mut timestamp = None;
         let done: Result<(), String> = match command {
             Command::Ping { t } => {
                 let _ = command_queue.with(|now, authority| authority.ping(now, me, *t));
@@ -254,11 +255,15 @@ impl Page {
                     Command::Scenario { .. } => self.app.publisher.permit(clock::now()).map(|()| message),
                     _ => Ok(message),
                 });
-                message.and_then(|message| message.map_or(Ok(()), |message| command_queue.publish(&message)))
+                message.and_then(|message| {
+                    let Some(message) = message else { return Ok(()) };
+                    timestamp = Some(message.timestamp());
+                    command_queue.publish(&message)
+                })
             }
         };
         match (done, id) {
-            (Ok(()), Some(id)) => Ok(Some(Answer::Done { id }.text())),
+            (Ok(()), Some(id)) => Ok(Some(Answer::Done { id, timestamp }.text())),
             (Ok(()), None) => Ok(None),
             (Err(why), id) => Ok(Some(Answer::Refused { id, why: &why }.text())),
         }

@@ -220,6 +220,54 @@ fn a_tpdo_that_the_device_has_switched_off_is_of_another_node() {
     assert_eq!((value(&robot, "estop"), robot.holds().contains(&(Hold::PauseInput, "io.estop"))), (1.0, false));
 }
 
+/// Read of the first entry of the first mapping.
+const MAPPING: [u8; 4] = [0x40, 0x00, 0x1A, 1];
+
+/// The robot 6 s after its start, while this number of these reads is lost, and the number of reads.
+fn with_lost_reads(count: usize) -> (Robot, usize) {
+    let mut robot = robot(plc(true), 0x0191, true);
+    let own = can::Id::Standard(0x600 + u16::from(NODE));
+    robot.lost = vec![(own, MAPPING); count];
+    robot.pass(6000);
+    let is_read = |frame: &can::Frame| frame.id() == own && frame.data().starts_with(&MAPPING);
+    let asked = robot.frames.iter().filter(|(_, frame)| is_read(frame)).count();
+    (robot, asked)
+}
+
+#[test]
+fn a_mapping_whose_read_has_no_answer_is_read_again() {
+    let (mut robot, asked) = with_lost_reads(2);
+    assert_eq!((asked, value(&robot, "estop")), (3, 1.0));
+    foreign_tpdo(&mut robot, 0);
+    assert!(robot.holds().contains(&(Hold::PauseInput, "io.estop")), "a TPDO is taken: {:?}", robot.holds());
+}
+
+#[test]
+fn a_tpdo_whose_mapping_is_never_answered_is_given_up_and_its_inputs_are_read_by_sdo() {
+    let (mut robot, asked) = with_lost_reads(usize::from(u8::MAX));
+    assert_eq!((asked, value(&robot, "estop")), (3, 1.0));
+    assert!(robot.notes.iter().any(|note| note.contains("the mapping of TPDO 1")), "{:?}", robot.notes);
+    foreign_tpdo(&mut robot, 0);
+    assert!(!robot.holds().contains(&(Hold::PauseInput, "io.estop")), "{:?}", robot.holds());
+    // The next TPDO is taken: no read of the object would be in time for all of them.
+    for level in [5, 6, 7] {
+        set(&mut robot, 0x6401, 1, 100 * level);
+        robot.pass(12);
+        assert_eq!(value(&robot, "level"), level as f64);
+        robot.pass(101);
+    }
+    set(&mut robot, 0x6000, 1, 0);
+    robot.pass(105);
+    assert_eq!(value(&robot, "estop"), 0.0);
+    // At its next start the mapping is read again.
+    robot.lost.clear();
+    let now = robot.bench.now();
+    robot.output.as_mut().unwrap().power_on(now);
+    robot.pass(3000);
+    foreign_tpdo(&mut robot, 0);
+    assert!(robot.holds().contains(&(Hold::PauseInput, "io.estop")), "{:?}", robot.holds());
+}
+
 #[test]
 fn an_answer_that_may_be_older_than_a_tpdo_does_not_close_an_input() {
     let mut robot = robot(plc(true), 0x0191, true);

@@ -82,6 +82,23 @@ export class Bus {
     return this.moves(forward, 3).then(() => true, () => false);
   }
 
+  /** Speed to the left that pages last commanded, and the measured one, m/s. */
+  sideways(): { commanded: number; measured: number } {
+    // A hold ends with zeros as LL_CMD_MOTION.
+    const moves = ({ channel, message }: Heard) => /^LL_CMD_(MOTION|VELOCITY)$/.test(channel) && String(message["source"]).startsWith("web:");
+    const vy = (message?: Record<string, unknown>) => Number(message?.["vy"] ?? 0);
+    return { commanded: vy(this.commands.filter(moves).at(-1)?.message), measured: vy(this.last["LL_DATA_VELOCITY"]) };
+  }
+  /** Whether a page and the robot with it go to this side soon: 1 to the left, -1 to the right. */
+  goesSideways(side: number): Promise<boolean> {
+    const goes = () => side * this.sideways().commanded > 0 && side * this.sideways().measured > 0.03;
+    return until("the robot goes sideways", 3, goes).then(() => true, () => false);
+  }
+  /** Zero is commanded, and the robot does not go sideways any more. */
+  async endsSideways(): Promise<void> {
+    await until(() => `it goes nowhere (${JSON.stringify(this.sideways())})`, 10, () => this.sideways().commanded === 0 && Math.abs(this.sideways().measured) < 0.02);
+  }
+
   /** A hold is over: zero within so many ms after its last command, then silence, and the robot stands. */
   async stops(within = AT_ONCE): Promise<void> {
     await until("zero on the bus", 5, () => this.driven().at(-1)?.speed === 0);

@@ -57,6 +57,8 @@ export class Robot {
   private readonly keys = new Map<string, string>();
   /** When an operator last released it, ms since the epoch. */
   private released = 0;
+  /** It has a PAUSE line, whose state is published: the shipped robot, unlike the others in conf/. */
+  private readonly hasLine: boolean;
   /** Targets with faults. */
   private readonly broken = new Set<string>();
 
@@ -68,9 +70,10 @@ export class Robot {
     private readonly up: ChildProcess,
   ) {
     this.port = port;
+    this.hasLine = !base.includes("--config");
     up.stdout?.on("data", (text: Buffer) => (this.console += text));
     up.stderr?.on("data", (text: Buffer) => (this.console += text));
-    this.bus = new Bus(spawn(ADVEE, [...base, "lcm", "echo", ".*MOTION|LL_DATA_HOLD|SIM_.*|ML_CMD.*|CM_CMD.*|LL_CMD.*|LL_EVENT_STOP|CM_DATA_PROCESSES", "--json"], { cwd: ROOT, stdio: ["ignore", "pipe", "ignore"] }));
+    this.bus = new Bus(spawn(ADVEE, [...base, "lcm", "echo", ".*MOTION|LL_DATA_VELOCITY|LL_DATA_HOLD|SIM_.*|ML_CMD.*|CM_CMD.*|LL_CMD.*|LL_EVENT_STOP|CM_DATA_PROCESSES", "--json"], { cwd: ROOT, stdio: ["ignore", "pipe", "ignore"] }));
   }
 
   /** Starts one in a hall without visitors, that stands until it is commanded to move, and waits until it may be driven; `all`:
@@ -171,7 +174,7 @@ export class Robot {
     await until(() => `the robot stands, and may be driven (${bus.motion()?.reason})`, 30, async () => {
       const motion = bus.motion();
       await this.letGo();
-      return motion?.homed && Math.abs(motion.speed ?? 1) < 0.02 && !bus.stands(...HELD, ...LATCHED, HOLD.PauseUnknown) && bus.last["LL_EVENT_STOP"]?.["engaged"] === false;
+      return motion?.homed && Math.abs(motion.speed ?? 1) < 0.02 && !bus.stands(...HELD, ...LATCHED, HOLD.PauseUnknown) && (!this.hasLine || bus.last["LL_EVENT_STOP"]?.["engaged"] === false);
     });
     bus.forget();
   }

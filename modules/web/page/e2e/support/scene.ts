@@ -40,8 +40,9 @@ export interface Stage {
   visit(wish?: Wish): Promise<Visit>;
 }
 
-/** A test with any number of visits, which are watched and closed. `sets`: settings of a robot of its own, as `--set` has them. */
-export function scene(name: string, body: (stage: Stage) => Promise<void>, sets?: string[]): void {
+/** A test with any number of visits, which are watched and closed. `sets`: settings of a robot of its own, as `--set` has them;
+ *  `config`: the folder of its configuration, where it is another one. */
+export function scene(name: string, body: (stage: Stage) => Promise<void>, sets?: string[], config?: string): void {
   if (!hasChromium && process.env["ADVEE_PEERS"] !== "required") {
     skipped += 1;
     test(name, { skip: "no chromium" }, () => {});
@@ -50,7 +51,7 @@ export function scene(name: string, body: (stage: Stage) => Promise<void>, sets?
   test(name, { timeout: 1000 * PATIENCE * ATTEMPTS }, async () => {
     for (let attempt = 1; ; attempt += 1) {
       const canary = new Canary();
-      const failed = await play(name, body, sets).finally(() => canary.end());
+      const failed = await play(name, body, sets, config).finally(() => canary.end());
       if (!failed) return;
       // On a machine that stood still a robot stops rightly, and a press is no press: that proves nothing.
       if (canary.late < HELD_UP || attempt === ATTEMPTS) throw failed.error;
@@ -75,8 +76,8 @@ class Canary {
 }
 
 /** Plays a scene once; its error, if it failed. */
-async function play(name: string, body: (stage: Stage) => Promise<void>, sets?: string[]): Promise<{ error: unknown } | null> {
-  const own = sets && Robot.start(sets.flatMap((set) => ["--set", set]));
+async function play(name: string, body: (stage: Stage) => Promise<void>, sets?: string[], config?: string): Promise<{ error: unknown } | null> {
+  const own = sets && Robot.start(sets.flatMap((set) => ["--set", set]), config ? ["--config", config] : []);
   const [robot, browser] = await Promise.all([own ?? (sharedRobot ??= Robot.start()), (sharedBrowser ??= launch())]);
   const visits: Visit[] = [];
   const visit = async (wish?: Wish) => {

@@ -1,6 +1,6 @@
 import { deepEqual, equal } from "node:assert/strict";
 import { test } from "node:test";
-import type { ScenePart } from "../protocol";
+import type { ScenePart, SystemPart } from "../protocol";
 import { MARK } from "./scenario";
 
 // What the page's modules take from a browser as they are loaded.
@@ -12,9 +12,10 @@ Object.assign(globalThis, { setInterval: () => 0 });
 Object.assign(globalThis, { addEventListener: none, removeEventListener: none, localStorage: storage, sessionStorage: storage });
 Object.defineProperty(globalThis, "navigator", { value: navigator, configurable: true });
 Object.assign(globalThis, { location: new URL("http://robot/"), document: { addEventListener: none, documentElement: {}, visibilityState: "visible" } });
-const { scene } = await import("../state");
+const { scene, system } = await import("../state");
+const { hear, hooks } = await import("../connection/command");
 const { mode } = await import("./draft");
-const { drop, edit, history, press, rename, scenario, tool, undo, unreadable, wallsBelow } = await import("./editor");
+const { drop, edit, history, press, refused, rename, run, scenario, tool, undo, unreadable, wallsBelow } = await import("./editor");
 
 /** What of a scene the editor uses. */
 const SCENE = { robot: "advee", simulated: true, walls: [], columns: [], routes: [], world: "" } as unknown as ScenePart;
@@ -53,4 +54,29 @@ test("a world that was edited by hand in a way that is not understood is shown w
   scene.value = { ...SCENE, world: `start = [0, 0, 0]\n${MARK}\n[[walkers]]\npoints = [[1,\n`, routes: [] };
   edit();
   deepEqual([scenario.value, unreadable.value], [null, { line: 3, text: "[[walkers]]" }]);
+});
+
+test("the answer of the simulation to another sender's command is not taken for the one to the scenario", async () => {
+  // The last answer, to a command with this timestamp.
+  const answers = (command: number, refusal: string) => (system.value = { run: { age: 0, value: { command, refusal } } } as unknown as SystemPart);
+  const ids: number[] = [];
+  hooks.send = (command) => ids.push("id" in command ? command.id : 0) > 0;
+  scene.value = { ...SCENE, world: "start = [0, 0, 0]\n", routes: [] };
+  edit();
+  answers(5, "");
+  const running = run();
+  answers(6, "there is no such world");
+  hear({ type: "done", id: ids[0] ?? 0, timestamp: 8 });
+  await running;
+  answers(7, "there is no such speed");
+  equal(refused.value, "");
+  answers(8, "line 3 is not understood");
+  equal(refused.value, "Line 3 is not understood.");
+  // It may be shown before the robot confirms that the command was published.
+  const again = run();
+  answers(9, "line 4 is not understood");
+  equal(refused.value, "");
+  hear({ type: "done", id: ids[1] ?? 0, timestamp: 9 });
+  await again;
+  equal(refused.value, "Line 4 is not understood.");
 });

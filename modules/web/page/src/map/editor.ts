@@ -1,6 +1,6 @@
 // The scenario editor: what is drawn, what is chosen, what was before, and that the simulation runs it.
 import { effect, signal } from "@preact/signals";
-import { order, sentence } from "../operate";
+import { ordered, sentence } from "../operate";
 import { fresh, scene, system } from "../state";
 import { toast } from "../ui/news";
 import { t } from "../words";
@@ -22,9 +22,9 @@ export const history = signal<readonly Pick<Scenario, "items" | "route">[]>([]);
 export const refused = signal("");
 /** The simulation has not answered in time. */
 export const unanswered = signal(false);
-/** The scenario that was sent, and the command that the last answer of the simulation was for then; null: no answer is
- *  awaited. */
-let sent: { text: string; before: number } | null = null;
+/** The scenario that was sent, and the timestamp of its command, by which the simulation answers, once the robot has
+ *  published it; null: no answer is awaited. */
+const sent = signal<{ text: string; command: number | null } | null>(null);
 let patience: ReturnType<typeof setTimeout> | undefined;
 /** ms after which a missing answer is shown: a new start takes some time. */
 const PATIENCE = 10_000;
@@ -180,26 +180,30 @@ export function key(event: Pick<KeyboardEvent, "key" | "ctrlKey" | "metaKey" | "
 
 /** The simulation begins anew in what is drawn; its answer shows whether it does. */
 export async function run(): Promise<void> {
-  const state = fresh(system.value?.run);
-  if (!scenario.value || !state) return;
+  if (!scenario.value || !fresh(system.value?.run)) return;
   forget();
   refused.value = "";
-  const mine = (sent = { text: write(scenario.value), before: state.command });
+  const mine = (sent.value = { text: write(scenario.value), command: null });
   patience = setTimeout(() => (unanswered.value = true), PATIENCE);
-  if (!(await order({ type: "scenario", text: mine.text })) && sent === mine) forget();
+  const reply = await ordered({ type: "scenario", text: mine.text });
+  if (sent.value !== mine) return;
+  // The answer of the simulation may have come before.
+  if (reply.type === "done") sent.value = { ...mine, command: reply.timestamp };
+  else forget();
 }
 
 /** No answer is awaited any more. */
 function forget(): void {
   clearTimeout(patience);
-  sent = null;
+  sent.value = null;
   unanswered.value = false;
 }
 
 effect(() => {
   const state = fresh(system.value?.run);
-  if (sent === null || !state || state.command === sent.before) return;
-  const { text } = sent;
+  // The last answer may be to a command of another sender.
+  if (sent.value === null || !state || state.command !== sent.value.command) return;
+  const { text } = sent.value;
   forget();
   refused.value = state.refusal ? sentence(state.refusal) : "";
   if (state.refusal) toast(refused.value, "bad");
