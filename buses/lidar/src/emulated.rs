@@ -25,6 +25,16 @@ impl Default for Scene {
     }
 }
 
+/// Directions of a [`Scene`] that a device measures whose head turns clockwise from one angle to another one, rad; as
+/// [`Device::measures`] returns them.
+pub(crate) fn swept(from_rad: f64, to_rad: f64) -> (usize, usize) {
+    let per_rad = DIRECTIONS as f64 / TAU;
+    // One more at each end, whatever the rounding.
+    let count = libm::ceil((to_rad - from_rad).max(0.0) * per_rad) as usize + 3;
+    let first = libm::floor(turn(-to_rad) * per_rad) as usize + DIRECTIONS - 1;
+    if count < DIRECTIONS { (first % DIRECTIONS, count) } else { (0, DIRECTIONS) }
+}
+
 impl Scene {
     /// Range in a direction, rad counter-clockwise.
     #[must_use]
@@ -91,6 +101,12 @@ pub trait Device {
     fn faults(&mut self) -> &mut Faults;
     /// What surrounds it.
     fn scene(&mut self) -> &mut Scene;
+    /// Directions of the scene that [`Self::handle_timeout`] may measure in any call up to `until`, whatever the faults
+    /// are meanwhile: the first one, and their number from there on counter-clockwise. The scene need not be right
+    /// elsewhere until then. All, where a device does not know better.
+    fn measures(&self, _until: Instant) -> (usize, usize) {
+        (0, DIRECTIONS)
+    }
     /// Takes bytes from the line.
     fn handle_rx(&mut self, now: Instant, bytes: &[u8]);
     /// Turns the motor, and measures. Late and needless calls do no harm.

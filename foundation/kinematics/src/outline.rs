@@ -13,6 +13,9 @@ pub struct Polygon {
     edges: Vec<Edge>,
 }
 
+/// Part of the square of a circle's radius, and square in m², by which the end of an edge is surely within it.
+const WITHIN: f64 = 1e-6;
+
 /// Line of an edge: the points whose product with `out` is `offset`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Edge {
@@ -168,13 +171,21 @@ impl Polygon {
     fn contact_turning(&self, omega: f64, center: Point, point: Point) -> f64 {
         let (px, py) = (point.x - center.x, point.y - center.y);
         let square = px * px + py * py;
+        // Far more than what is slightly beyond an edge below.
+        let inner = square - WITHIN * (1.0 + square);
         let mut first: Option<Turn> = None;
         for (a, b) in self.ends() {
             // The point stays on its circle about the center: |a + t (b - a)| is its radius.
             let (ax, ay) = (a.x - center.x, a.y - center.y);
+            let (bx, by) = (b.x - center.x, b.y - center.y);
+            let from = ax * ax + ay * ay;
+            // An edge with both ends within the circle does not cross it, as about half of them.
+            if from < inner && bx * bx + by * by < inner {
+                continue;
+            }
             let (ex, ey) = (b.x - a.x, b.y - a.y);
             let (ee, ae) = (ex * ex + ey * ey, ax * ex + ay * ey);
-            let under = ae * ae - ee * (ax * ax + ay * ay - square);
+            let under = ae * ae - ee * (from - square);
             if under < 0.0 {
                 continue;
             }

@@ -215,26 +215,40 @@ impl Lidars {
 }
 
 impl Lidar {
-    /// What it would measure in each direction now.
+    /// What it would measure now in each direction in which it may measure until it looks anew.
     fn sees(&mut self, now: Instant, scene: &Scene, directions: &[(f64, f64)], stream: u64) {
+        let (first, count) = self.device.measures(self.look);
+        if count == 0 {
+            return;
+        }
+        // The front stays where it is if the device hangs upside down.
+        let turned = |place: usize| (2 * DIRECTIONS - place) % DIRECTIONS;
+        let first = if self.config.upside_down { turned(first + count - 1) } else { first };
         let mut random = scene.random(stream ^ u64::from_le_bytes(*b"lidar   "));
-        let distances = scene.view(self.config.mount, now, self.reach).distances(directions);
+        let distances = scene.view(self.config.mount, now, self.reach).distances(directions, (first, count));
         let (wild, lost, reach) = (self.wild, self.lost, self.reach);
-        let noisy = distances.into_iter().map(|distance| {
-            let noisy = (distance + NOISE_M * random.normal()).max(0.0) as f32;
-            if wild > 0.0 && random.uniform() < wild {
+        let upside_down = self.config.upside_down;
+        let ranges = &mut self.device.scene().0;
+        // Each direction has its chance, whichever are measured: it depends on all before it.
+        let mut skipped = 0;
+        for place in 0..DIRECTIONS {
+            let ray = (place + DIRECTIONS - first) % DIRECTIONS;
+            if wild == 0.0 && lost == 0.0 && ray >= count {
+                skipped += 1;
+                continue;
+            }
+            random.skip_normals(std::mem::take(&mut skipped));
+            let chance = NOISE_M * random.normal();
+            let range = if wild > 0.0 && random.uniform() < wild {
                 (reach * random.uniform()) as f32
             } else if lost > 0.0 && random.uniform() < lost {
                 f32::INFINITY
             } else {
-                noisy
+                (distances.get(ray).copied().unwrap_or(f64::INFINITY) + chance).max(0.0) as f32
+            };
+            if ray < count {
+                ranges[if upside_down { turned(place) } else { place }] = range;
             }
-        });
-        let ranges = &mut self.device.scene().0;
-        ranges.iter_mut().zip(noisy).for_each(|(range, noisy)| *range = noisy);
-        if self.config.upside_down {
-            // The front stays where it is.
-            ranges[1..].reverse();
         }
     }
 }
@@ -320,7 +334,9 @@ mod tests {
     #[test]
     fn beams_are_wild_or_have_no_echo_as_often_as_asked() {
         let scene = Scene::new(Instant::ZERO, World::hall(6.0, 6.0), Parameters::default(), Sonar::default(), 1);
-        let mut lidars = Lidars::new(&[ld19()], Instant::ZERO);
+        // One that looks all around at once.
+        let model = LidarModel::Sick(Family::Tim7xx, Dialect::Binary);
+        let mut lidars = Lidars::new(&[LidarConfig { model, ..ld19() }], Instant::ZERO);
         let seen = |lidars: &mut Lidars, now| {
             lidars.handle_timeout(now, &scene);
             lidars.all[0].device.scene().0
@@ -335,6 +351,104 @@ mod tests {
         let lost = seen(&mut lidars, ms(50)).iter().filter(|range| **range == f32::INFINITY).count();
         assert!((DIRECTIONS * 2 / 5..DIRECTIONS * 3 / 5).contains(&lost), "{lost} of {DIRECTIONS}");
         assert!(seen(&mut lidars, ms(75)).iter().all(|range| range.is_finite()), "it has ended");
+    }
+
+    /// A device that is shown all around.
+    struct All(Box<dyn Device>);
+
+    impl Device for All {
+        fn faults(&mut self) -> &mut Faults {
+            self.0.faults()
+        }
+
+        fn scene(&mut self) -> &mut lidar::emulated::Scene {
+            self.0.scene()
+        }
+
+        fn handle_rx(&mut self, now: Instant, bytes: &[u8]) {
+            self.0.handle_rx(now, bytes);
+        }
+
+        fn handle_timeout(&mut self, now: Instant) {
+            self.0.handle_timeout(now);
+        }
+
+        fn poll_tx(&mut self, now: Instant, bytes: &mut [u8]) -> usize {
+            self.0.poll_tx(now, bytes)
+        }
+
+        fn poll_timeout(&self) -> Option<Instant> {
+            self.0.poll_timeout()
+        }
+    }
+
+    #[test]
+    fn a_device_that_is_shown_what_it_measures_next_sends_the_same_bytes_as_one_that_is_shown_all() {
+        let mut world = World::hall(6.0, 5.0);
+        world.start = Pose::new(1.2, 2.0, 0.4);
+        world.columns.push(crate::world::Column { centre: navitools::Point { x: 1.3, y: 2.5 }, radius: 0.2 });
+        world.places = vec![navitools::Point { x: 4.5, y: 1.0 }, navitools::Point { x: 4.0, y: 4.0 }];
+        world.people.count = 5;
+        let models = [ld::Model::Ld06, ld::Model::Ld19].map(LidarModel::Ld).into_iter();
+        let models = models.chain(
+            [rplidar::Model::A1, rplidar::Model::A2, rplidar::Model::A3, rplidar::Model::C1, rplidar::Model::S2]
+                .map(LidarModel::Rplidar),
+        );
+        let ms = Instant::from_millis;
+        for (n, model) in models.enumerate() {
+            let config = LidarConfig { model, upside_down: n % 2 == 1, mount: Pose::new(0.2, 0.1, 0.7), ..ld19() };
+            let mut scene = Scene::new(Instant::ZERO, world.clone(), Parameters::default(), Sonar::default(), 1);
+            let mut some = Lidars::new(&[config], Instant::ZERO);
+            let mut all = Lidars::new(&[some.all[0].config.clone()], Instant::ZERO);
+            let inner = std::mem::replace(&mut all.all[0].device, Box::new(ld::emulated::Device::new(ld::Model::Ld19)));
+            all.all[0].device = Box::new(All(inner));
+            let mut random = crate::random::Random::new(n as u64);
+            let (mut now, mut sent) = (Instant::ZERO, 0);
+            let mut engine = match model {
+                LidarModel::Rplidar(model) => Some(rplidar::Rplidar::new(rplidar::Config::new(model))),
+                _ => None,
+            };
+            while now < ms(9000) {
+                // As the simulator is called: now and then, and late.
+                now += Duration::from_micros(100 + (9000.0 * random.uniform()) as u64);
+                for (from, fault) in [
+                    (3000, InjectedFault::Stall(0)),
+                    (3600, InjectedFault::None),
+                    (4500, InjectedFault::False(0.05)),
+                    (5200, InjectedFault::Loss(0.2)),
+                    (6000, InjectedFault::Reboot),
+                ] {
+                    if (ms(from)..ms(from + 5)).contains(&now) {
+                        assert!(some.inject(now, "lidar.a", fault, ms(from + 400)));
+                        assert!(all.inject(now, "lidar.a", fault, ms(from + 400)));
+                    }
+                }
+                scene.demand = crate::body::Demand::speed(0.2);
+                while scene.next_step() <= now {
+                    scene.step();
+                }
+                some.handle_timeout(now, &scene);
+                all.handle_timeout(now, &scene);
+                loop {
+                    let words = some.poll_tx(now);
+                    assert_eq!(words, all.poll_tx(now), "{model:?} at {now:?}");
+                    let Some((_, words)) = words else { break };
+                    sent += words.len();
+                    let bytes: Vec<u8> = words.iter().map(|word| word.byte).collect();
+                    engine.iter_mut().for_each(|engine| engine.handle_rx(now, &bytes));
+                }
+                if let Some(engine) = &mut engine {
+                    engine.handle_timeout(now);
+                    while let Some(request) = engine.poll_tx() {
+                        let words: Vec<Word> = request.iter().copied().map(Word::data).collect();
+                        some.on_words(now, 0, &words);
+                        all.on_words(now, 0, &words);
+                    }
+                    while engine.poll_event().is_some() {}
+                }
+            }
+            assert!(sent > 20_000, "{model:?}: {sent} bytes");
+        }
     }
 
     #[test]

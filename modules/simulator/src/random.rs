@@ -1,5 +1,10 @@
 //! The one source of chance: seeded, the same on every machine.
 
+/// What each number adds to the state.
+const STEP: u64 = 0x9E37_79B9_7F4A_7C15;
+/// Numbers that [`Random::normal`] adds.
+const UNIFORMS_PER_NORMAL: u64 = 4;
+
 /// SplitMix64 (Steele, Lea, Flood 2014): 64 bits of state, one multiplication chain a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Random(u64);
@@ -20,11 +25,16 @@ impl Random {
 
     /// 64 random bits.
     pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        self.0 = self.0.wrapping_add(STEP);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
         z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
         z ^ (z >> 31)
+    }
+
+    /// Leaves out as many numbers as this many calls of [`Self::normal`] would take.
+    pub fn skip_normals(&mut self, count: usize) {
+        self.0 = self.0.wrapping_add(STEP.wrapping_mul(UNIFORMS_PER_NORMAL * count as u64));
     }
 
     /// A number in [0, 1).
@@ -54,6 +64,19 @@ mod tests {
         let mut random = Random::new(1_234_567);
         assert_eq!(random.bits(), 6_457_827_717_110_365_317);
         assert_eq!(random.bits(), 3_203_168_211_198_807_973);
+    }
+
+    #[test]
+    fn what_is_left_out_changes_nothing_after_it() {
+        let mut all = Random::stream(7, 3);
+        for count in [0, 1, 5, 719] {
+            let mut left_out = all;
+            (0..count).for_each(|_| {
+                all.normal();
+            });
+            left_out.skip_normals(count);
+            assert_eq!(left_out, all);
+        }
     }
 
     #[test]

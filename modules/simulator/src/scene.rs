@@ -4,7 +4,7 @@ use crate::body::{Body, Demand, Parameters, STEP};
 use crate::people::{self, Contact, Floor, Hull, LEG, Moment, Mover, People};
 use crate::random::Random;
 use crate::sonar::{Cone, Echo, Sonar, floor_distance};
-use crate::world::{Column, Hit, Segment, Surface, World, first_hit};
+use crate::world::{Column, Hit, Segment, Surface, World, first_hit, nearest};
 use base::Instant;
 use kinematics::{Chassis, Twist};
 use navitools::{Point, Pose, wrap};
@@ -61,9 +61,10 @@ pub(crate) struct View<'a> {
 
 impl View<'_> {
     /// Distances of what a lidar sees in `directions`, equal steps all around, counter-clockwise from its front: cosine
-    /// and sine; infinite: nothing is within reach. Each object is looked for where it can be seen only.
-    pub fn distances(&self, directions: &[(f64, f64)]) -> Vec<f64> {
-        let mut rays = Rays::new(self, directions);
+    /// and sine; infinite: nothing is within reach. Only those of `count` directions from `first` on, in this order.
+    /// Each object is looked for where it can be seen only.
+    pub fn distances(&self, directions: &[(f64, f64)], (first, count): (usize, usize)) -> Vec<f64> {
+        let mut rays = Rays::new(self, directions, first, count);
         let bearing = |to: Point| {
             let from = self.sensor.point();
             libm::atan2(to.y - from.y, to.x - from.x) - self.sensor.theta.radians()
@@ -71,7 +72,11 @@ impl View<'_> {
         let as_black =
             |hit: Hit, _| Some(if hit.distance <= BLACK * self.reach { hit.distance } else { f64::INFINITY });
         for wall in &self.world.walls {
-            let (a, between) = (bearing(wall.a), wrap(bearing(wall.b) - bearing(wall.a)));
+            if rays.are_beside(wall.a, wall.b, 0.0) {
+                continue;
+            }
+            let a = bearing(wall.a);
+            let between = wrap(bearing(wall.b) - a);
             let (sector, walls) = ((a + between / 2.0, between.abs() / 2.0), std::slice::from_ref(wall));
             match self.world.surface(wall) {
                 Surface::Matt => rays.look(sector, walls, &[], |hit, _| Some(hit.distance)),
@@ -87,6 +92,9 @@ impl View<'_> {
         }
         let matt = self.world.columns.iter().chain(&self.legs).map(|column| (column, false));
         for (column, dark) in matt.chain(self.dark.iter().map(|column| (column, true))) {
+            if rays.are_beside(column.centre, column.centre, column.radius) {
+                continue;
+            }
             let sine = column.radius / self.sensor.point().distance(column.centre);
             let (sector, columns) = ((bearing(column.centre), libm::asin(sine.min(1.0))), std::slice::from_ref(column));
             match dark {
@@ -124,23 +132,49 @@ fn is_straight(hit: Hit) -> bool {
     hit.cos_incidence >= STRAIGHT
 }
 
-/// The rays of a lidar.
+/// Rays of a lidar in some directions side by side.
 struct Rays {
     from: Point,
+    /// Directions all around.
+    all: usize,
+    /// The first of these rays, and where each leads.
+    first: usize,
     directions: Vec<(f64, f64)>,
     /// Where they end, m.
     ends: Vec<f64>,
     /// Which distances are measured, m.
     shown: Vec<f64>,
+    reach: f64,
 }
 
+/// Distance, m, by which an object must be beside all rays to be left out: more than any rounding.
+const BESIDE: f64 = 1e-6;
+
 impl Rays {
-    fn new(view: &View<'_>, directions: &[(f64, f64)]) -> Self {
+    fn new(view: &View<'_>, directions: &[(f64, f64)], first: usize, count: usize) -> Self {
         let (sin, cos) = view.sensor.theta.sin_cos();
         let turned = |&(x, y): &(f64, f64)| (x * cos - y * sin, x * sin + y * cos);
-        let directions: Vec<_> = directions.iter().map(turned).collect();
-        let (ends, shown) = (vec![view.reach; directions.len()], vec![f64::INFINITY; directions.len()]);
-        Self { from: view.sensor.point(), directions, ends, shown }
+        let (all, reach) = (directions.len(), view.reach);
+        let directions: Vec<_> = directions[first..].iter().chain(directions).take(count).map(turned).collect();
+        let (ends, shown) = (vec![reach; count], vec![f64::INFINITY; count]);
+        Self { from: view.sensor.point(), all, first, directions, ends, shown, reach }
+    }
+
+    /// True if no ray can meet what is within `radius` of the line between two points: it is beyond their reach, or, if
+    /// they are within half a turn, all of it is to the right of the first one or to the left of the last one.
+    fn are_beside(&self, a: Point, b: Point, radius: f64) -> bool {
+        let (Some(first), Some(last)) = (self.directions.first(), self.directions.last()) else { return true };
+        let beside = radius + BESIDE;
+        let far = self.reach + beside;
+        let nearest = nearest(&Segment { a, b }, self.from);
+        let (dx, dy) = (nearest.x - self.from.x, nearest.y - self.from.y);
+        if dx * dx + dy * dy > far * far {
+            return true;
+        }
+        let left_of = |(x, y): (f64, f64), to: Point| x * (to.y - self.from.y) - y * (to.x - self.from.x);
+        let is_right = |to| left_of(*first, to) < -beside;
+        let is_left = |to| left_of(*last, to) > beside;
+        2 * self.directions.len() < self.all && (is_right(a) && is_right(b) || is_left(a) && is_left(b))
     }
 
     /// Looks at an object that is within `half` of the direction `middle`, rad. `show` says what is measured of a hit;
@@ -152,15 +186,17 @@ impl Rays {
         columns: &[Column],
         show: impl Fn(Hit, (f64, f64)) -> Option<f64>,
     ) {
-        let all = self.directions.len();
-        let per_rad = all as f64 / TAU;
+        let per_rad = self.all as f64 / TAU;
         let first = libm::floor((wrap(middle) + TAU - half) * per_rad) as usize;
-        let count = (libm::ceil(2.0 * half * per_rad) as usize + 2).min(all);
-        for place in (first..first + count).map(|place| place % all) {
-            let direction = self.directions[place];
-            let Some(hit) = first_hit(walls, columns, self.from, direction, self.ends[place]) else { continue };
+        let count = (libm::ceil(2.0 * half * per_rad) as usize + 2).min(self.all);
+        // Counted from the first ray.
+        let first = (first + self.all - self.first) % self.all;
+        let ends = [first..first + count, 0..(first + count).saturating_sub(self.all)];
+        for ray in ends.into_iter().flat_map(|part| part.start..part.end.min(self.directions.len())) {
+            let direction = self.directions[ray];
+            let Some(hit) = first_hit(walls, columns, self.from, direction, self.ends[ray]) else { continue };
             if let Some(shown) = show(hit, direction) {
-                (self.ends[place], self.shown[place]) = (hit.distance, shown);
+                (self.ends[ray], self.shown[ray]) = (hit.distance, shown);
             }
         }
     }
@@ -421,12 +457,19 @@ mod tests {
             let scene = Scene::new(Instant::ZERO, world, Parameters::default(), Sonar::default(), n);
             let view = scene.view(Pose::new(0.3, -0.1, 0.4), Instant::ZERO, 12.0);
             let from = view.sensor.point();
-            for (place, distance) in view.distances(&directions).into_iter().enumerate() {
+            for (place, distance) in view.distances(&directions, (0, 720)).into_iter().enumerate() {
                 let (sin, cos) = (view.sensor.theta + place as f64 * TAU / 720.0).sin_cos();
                 let still = view.world.ray(from, (cos, sin), 12.0).map_or(12.0, |hit| hit.distance);
                 let leg = first_hit(&[], &view.legs, from, (cos, sin), still).map_or(still, |hit| hit.distance);
                 let off = distance.min(12.0) - leg;
                 assert!(off.abs() < 1e-6, "{n}: {place}: {distance}, by a ray {leg}");
+            }
+            // The same to the last bit, if only some are looked at.
+            let all = view.distances(&directions, (0, 720));
+            for count in [1, 40, 212, 359, 360, 500, 720] {
+                let first = (720.0 * random.uniform()) as usize;
+                let some: Vec<f64> = (first..first + count).map(|place| all[place % 720]).collect();
+                assert_eq!(view.distances(&directions, (first, count)), some, "{n}: {count} from {first} on");
             }
         }
     }
@@ -439,7 +482,7 @@ mod tests {
         let scene = Scene::new(Instant::ZERO, world.with_surfaces(), Parameters::default(), Sonar::default(), 1);
         let directions: Vec<(f64, f64)> =
             (0..360).map(|n| libm::sincos(f64::from(n).to_radians())).map(|(sin, cos)| (cos, sin)).collect();
-        scene.view(Pose::default(), Instant::ZERO, 12.0).distances(&directions)
+        scene.view(Pose::default(), Instant::ZERO, 12.0).distances(&directions, (0, 360))
     }
 
     fn wall(a: (f64, f64), b: (f64, f64)) -> Segment {

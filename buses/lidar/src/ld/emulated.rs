@@ -4,7 +4,7 @@
 
 use super::Model;
 use super::wire::{BAUD, CLOCK_MODULUS_MS, LENGTH, Packet, SAMPLES, Sample};
-use crate::emulated::{Faults, Line, Scene};
+use crate::emulated::{Faults, Line, Scene, swept};
 use base::{Duration, Instant};
 
 /// Speed of the motor, degrees per second.
@@ -37,6 +37,10 @@ impl Device {
             next: None,
             angle: 0.0,
         }
+    }
+
+    fn interval(&self) -> Duration {
+        Duration::from_secs_f64(SAMPLES as f64 / f64::from(self.model.samples_per_s()))
     }
 
     fn packet(&mut self, at: Instant) {
@@ -76,6 +80,15 @@ impl crate::emulated::Device for Device {
         &mut self.scene
     }
 
+    /// As far as the motor turns at its full speed. One that stands spins up first.
+    fn measures(&self, until: Instant) -> (usize, usize) {
+        let Some(next) = self.next.filter(|next| *next <= until) else { return (0, 0) };
+        let packets = 1.0 + until.since(next).as_secs_f64() / self.interval().as_secs_f64();
+        let swept_deg = packets * self.interval().as_secs_f64() * f64::from(SPEED);
+        let from = self.angle / 100.0;
+        swept(from.to_radians(), (from + swept_deg).to_radians())
+    }
+
     /// The device has no input.
     fn handle_rx(&mut self, _: Instant, _: &[u8]) {}
 
@@ -84,7 +97,7 @@ impl crate::emulated::Device for Device {
             self.next = None;
             return;
         }
-        let interval = Duration::from_secs_f64(SAMPLES as f64 / f64::from(self.model.samples_per_s()));
+        let interval = self.interval();
         let mut next = self.next.unwrap_or(now + SPIN_UP);
         while next <= now {
             self.packet(next);

@@ -1,7 +1,7 @@
 //! Capsules: blocks of samples with a checksum.
 //!
 //! A capsule has the angle of its first sample; that of the others follows from the next capsule. So a capsule is
-//! decoded when the next one has arrived.
+//! decoded when the next one has arrived, but for a dense one whose motor turns steadily ([`ahead`]).
 
 use super::Mode;
 use core::f64::consts::TAU;
@@ -106,12 +106,22 @@ pub fn ultra_offset_rad(range_mm: i32) -> f64 {
 
 /// Samples of a valid capsule, by the next one.
 pub fn decode(mode: Mode, bytes: &[u8], next: &[u8]) -> Vec<Sample, SAMPLES_MAX> {
+    samples(mode, bytes, next, advance_q6(bytes, next))
+}
+
+/// Samples of a valid dense capsule before the next one arrives, if the motor turns on as from the one before to this
+/// one, 1/64°. Those of other modes need the next one's ranges, too.
+pub fn ahead(bytes: &[u8], advance_q6: u32) -> Vec<Sample, SAMPLES_MAX> {
+    samples(Mode::Dense, bytes, bytes, advance_q6)
+}
+
+fn samples(mode: Mode, bytes: &[u8], next: &[u8], advance_q6: u32) -> Vec<Sample, SAMPLES_MAX> {
     let mut samples = Vec::new();
     let Some((_, count)) = shape(mode).filter(|(length, _)| bytes.len() == *length && next.len() == *length) else {
         return samples;
     };
     let q6 = TAU / f64::from(360 * 64);
-    let step_rad = f64::from(advance_q6(bytes, next)) / count as f64 * q6;
+    let step_rad = f64::from(advance_q6) / count as f64 * q6;
     let start_rad = f64::from(start_q6(bytes)) * q6;
     let cabin_3 = |bytes: &[u8], n: usize| u32::from(word(bytes, 4 + 4 * n)) | u32::from(word(bytes, 6 + 4 * n)) << 16;
     for n in 0..count {

@@ -6,7 +6,7 @@
 use super::capsule;
 use super::wire::{Descriptor, Info, Node, SYNC, answer, conf, request};
 use super::{Mode, Model, Motor};
-use crate::emulated::{Faults, Line, Scene};
+use crate::emulated::{Faults, Line, Scene, swept};
 use base::{Duration, Instant, earliest};
 use core::f64::consts::TAU;
 use heapless::Vec;
@@ -57,6 +57,11 @@ struct Scan {
 
 /// Correction of the angles of express capsules, 1/8°.
 const OFFSET_Q3: u8 = 21;
+
+/// Angles at least as great as any by which the beam lies behind the sweep, and before it, rad: 8° of what is far away,
+/// and -20.5° of what is at 50 mm.
+const BEHIND_RAD: f64 = 9.0 / 360.0 * TAU;
+const BEFORE_RAD: f64 = 21.0 / 360.0 * TAU;
 
 fn modes(model: Model) -> &'static [ModeOf] {
     const US: u32 = 256;
@@ -287,6 +292,12 @@ impl crate::emulated::Device for Device {
 
     fn scene(&mut self) -> &mut Scene {
         &mut self.scene
+    }
+
+    /// As far as the motor turns at its full speed, and what lies beside the sweep.
+    fn measures(&self, until: Instant) -> (usize, usize) {
+        let turns_rad = TAU * RATE_HZ * until.since(self.at).as_secs_f64();
+        swept(self.angle - BEHIND_RAD, self.angle + turns_rad + BEFORE_RAD)
     }
 
     fn handle_rx(&mut self, now: Instant, bytes: &[u8]) {

@@ -27,6 +27,9 @@ const RATE_HZ: core::ops::RangeInclusive<f64> = 4.5..=16.0;
 const RATE_MAX_HZ: f64 = 25.0;
 /// Time limit of a revolution of single samples, s.
 const TURN_WITHIN_S: f64 = 0.35;
+/// The motor turns steadily while the angles of two capsules in succession differ by at most one part in this many: 0.29°
+/// of the 28.8° of a C1 at 10 Hz, less than the 0.72° between two samples.
+const STEADY: u32 = 100;
 /// Samples in order after which single samples are believed.
 const SETTLED: u16 = 16;
 
@@ -73,12 +76,23 @@ pub struct Requests {
     /// Time of a sample, s.
     period_s: f64,
     capsule: Capsule,
-    last: Option<(Instant, Capsule)>,
+    last: Option<Last>,
     in_step: bool,
     /// Bytes since the last valid sample or capsule.
     skipped: usize,
     node: NodeState,
     builder: Builder,
+}
+
+/// The last valid capsule.
+#[derive(Debug)]
+struct Last {
+    arrived: Instant,
+    capsule: Capsule,
+    /// Its samples were added when it arrived.
+    is_taken: bool,
+    /// From the capsule before to this one, 1/64°.
+    advance_q6: Option<u32>,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -332,15 +346,15 @@ impl Requests {
         if !capsule::is_valid(&self.capsule) {
             return false;
         }
-        let new = self.capsule.clone();
-        if capsule::is_first(&new) && self.last.is_some() {
+        let mut new = Last { arrived: now, capsule: self.capsule.clone(), is_taken: false, advance_q6: None };
+        if capsule::is_first(&new.capsule) && self.last.is_some() {
             // The device began again.
             shared.reject();
             self.builder.reset();
-        } else if let Some((arrived, last)) = self.last.take() {
-            self.take_capsule(arrived, &last, &new, shared);
+        } else if let Some(last) = self.last.take() {
+            self.take_capsule(&last, &mut new, shared);
         }
-        self.last = Some((now, new));
+        self.last = Some(new);
         true
     }
 
@@ -357,10 +371,13 @@ impl Requests {
         }
     }
 
-    fn take_capsule(&mut self, arrived: Instant, last: &Capsule, new: &Capsule, shared: &mut Shared) {
-        let samples = capsule::decode(self.config.mode, last, new);
-        let advance_rad = f64::from(capsule::advance_q6(last, new)) / f64::from(360 * 64) * TAU;
-        let step = Step { angle_rad: advance_rad / samples.len().max(1) as f64, time_s: self.period_s };
+    /// Takes what two capsules in succession tell: the samples of the earlier one, and of the new one, too, if it needs no
+    /// later one.
+    fn take_capsule(&mut self, last: &Last, new: &mut Last, shared: &mut Shared) {
+        let (_, count) = capsule::shape(self.config.mode).unwrap_or((0, 1));
+        let advance_q6 = capsule::advance_q6(&last.capsule, &new.capsule);
+        let advance_rad = f64::from(advance_q6) / f64::from(360 * 64) * TAU;
+        let step = Step { angle_rad: advance_rad / count as f64, time_s: self.period_s };
         let rate_hz = step.angle_rad / TAU / self.period_s;
         if advance_rad <= 0.0 {
             self.builder.reset();
@@ -373,9 +390,23 @@ impl Requests {
         }
         shared.accept();
         shared.fault(Fault::Slow, !RATE_HZ.contains(&rate_hz));
+        if !last.is_taken {
+            let samples = capsule::decode(self.config.mode, &last.capsule, &new.capsule);
+            self.take_samples(last, &samples, step, shared);
+        }
+        new.advance_q6 = Some(advance_q6);
+        let is_steady = |before: u32| before.abs_diff(advance_q6) * STEADY <= advance_q6;
+        if self.config.mode == Mode::Dense && last.advance_q6.is_some_and(is_steady) {
+            new.is_taken = true;
+            let samples = capsule::ahead(&new.capsule, advance_q6);
+            self.take_samples(new, &samples, step, shared);
+        }
+    }
+
+    fn take_samples(&mut self, of: &Last, samples: &[capsule::Sample], step: Step, shared: &mut Shared) {
         // The last sample was measured when the capsule began on the wire.
         let length = samples.len() as f64;
-        let first = arrived - self.on_wire(last.len()) - Duration::from_secs_f64(length * self.period_s);
+        let first = of.arrived - self.on_wire(of.capsule.len()) - Duration::from_secs_f64(length * self.period_s);
         for (n, sample) in samples.iter().enumerate() {
             let at = first + Duration::from_secs_f64(n as f64 * self.period_s);
             let range_m = self.range_m(sample.range_mm);
