@@ -1,7 +1,6 @@
 //! Some faults of the campaign `benches/wheel_faults.rs`, with each shipped base.
 
 use super::wheel_faults::{Kind, Outcome, STOP_MAX, Subject};
-use super::*;
 
 /// Two of each kind.
 const FAULTS: u64 = 28;
