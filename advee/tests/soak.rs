@@ -82,7 +82,8 @@ fn the_shipped_scenario_holds_for_motor_controllers_on_can_and_serial_lines() {
     let episodes = (hours * 3600.0 / scenario.episode().as_secs_f64()).ceil() as u64;
     for rover in CONTROLLERS {
         let folder = rover.folder("soak");
-        let place = RobotLocation { config: folder.path.clone(), ..place("hall") };
+        let world = Some(root().join("conf/worlds/hall.toml"));
+        let place = RobotLocation { config: folder.path.clone(), world, ..place("hall") };
         let robot = Robot::new(place, scenario.clone(), seed).expect("the shipped scenario");
         let report = robot.many(episodes, 2, &Progress::none()).unwrap();
         assert_eq!(report.violations, [], "{rover:?}: seed {seed}");
@@ -287,7 +288,8 @@ fn every_kind_of_fault_of_the_shipped_scenario_has_an_effect() {
     oriented.sets.extend(["imu.base.model=witmotion", "imu.base.port=imu-base"].map(String::from));
     // Its drives are on serial lines.
     let folder = Rover::VescsOnUarts.folder("effects");
-    let on_lines = RobotLocation { config: folder.path.clone(), ..shipped.clone() };
+    let world = Some(root().join("conf/worlds/hall.toml"));
+    let on_lines = RobotLocation { config: folder.path.clone(), world, ..shipped.clone() };
     let places = [&shipped, &courier, &oriented, &on_lines];
     let without = places.map(|place| effect_on(place, &scenario, std::slice::from_ref(&kill)).0);
     for kind in &scenario.kinds {
