@@ -15,9 +15,8 @@ use messages::Message;
 use robot::checks;
 use robot::config;
 use robot::place::RobotLocation;
-use robot::topology::{virtual_machine, virtual_machine_recorded};
+use robot::topology::virtual_machine_recorded;
 use rovers::Rover;
-use sim::check::Checkers;
 use sim::host::News;
 use sim::soak::{Disk, Fault, Kind, Scenario, Stage, draw, episode, shrink};
 use std::cell::RefCell;
@@ -83,7 +82,8 @@ fn the_shipped_scenario_holds_for_motor_controllers_on_can_and_serial_lines() {
     let episodes = (hours * 3600.0 / scenario.episode().as_secs_f64()).ceil() as u64;
     for rover in CONTROLLERS {
         let folder = rover.folder("soak");
-        let place = RobotLocation { config: folder.path.clone(), ..place("hall") };
+        let world = Some(root().join("conf/worlds/hall.toml"));
+        let place = RobotLocation { config: folder.path.clone(), world, ..place("hall") };
         let robot = Robot::new(place, scenario.clone(), seed).expect("the shipped scenario");
         let report = robot.many(episodes, 2, &Progress::none()).unwrap();
         assert_eq!(report.violations, [], "{rover:?}: seed {seed}");
@@ -96,34 +96,6 @@ fn the_shipped_scenario_holds_for_motor_controllers_on_can_and_serial_lines() {
             assert_eq!(has(begin), is_due, "{rover:?} {begin}: {:?}", report.faults);
         }
         assert!(on_can || !has("foreign_node_stop") && !has("foreign_set_point"), "{rover:?}: {:?}", report.faults);
-    }
-}
-
-/// Whether each robot is found that does not stop its wheels, by the rules that read its traffic: a driver whose
-/// commands live for 250 ms, judged as one whose commands must live for 50 ms.
-#[test]
-fn a_motor_controller_that_is_commanded_too_long_is_found() {
-    for rover in CONTROLLERS {
-        let folder = rover.folder("too-long");
-        let place = RobotLocation { config: folder.path.clone(), ..place("empty") };
-        let limits = checks::limits(&place, Duration::from_secs(2)).expect("drives that can be judged");
-        let strict = sim::check::Limits { ttl: Duration::from_millis(50), ..limits.clone() };
-        let both = Rc::new(RefCell::new([limits, strict].map(Checkers::new)));
-        let mut machine = virtual_machine(&place, sim::host::Config::default()).expect("a good configuration");
-        let keep = both.clone();
-        machine.observe(move |now, news| keep.borrow_mut().iter_mut().for_each(|rules| rules.observe(now, news)));
-        machine.keep(watchdog::NAME).unwrap();
-        let begin = base::Instant::from_millis(12_000);
-        for n in 0..40_u32 {
-            let (priority, source) = (messages::lowlevel::CmdMotion::REMOTE, "test".into());
-            let speed = if n < 2 { 0.0 } else { 0.25 };
-            let command = messages::lowlevel::CmdMotion { timestamp: 0, speed, steering: 0.0, priority, source };
-            machine.inject(begin + n * Duration::from_millis(50), command);
-        }
-        machine.run_until(base::Instant::from_millis(16_000));
-        let broken = both.borrow().each_ref().map(|rules| rules.violation().map(|violation| violation.rule));
-        assert_eq!(broken, [None, Some("fresh")], "{rover:?}");
-        assert!(both.borrow()[0].setpoints() > 50, "{rover:?}: it stands");
     }
 }
 
@@ -316,7 +288,8 @@ fn every_kind_of_fault_of_the_shipped_scenario_has_an_effect() {
     oriented.sets.extend(["imu.base.model=witmotion", "imu.base.port=imu-base"].map(String::from));
     // Its drives are on serial lines.
     let folder = Rover::VescsOnUarts.folder("effects");
-    let on_lines = RobotLocation { config: folder.path.clone(), ..shipped.clone() };
+    let world = Some(root().join("conf/worlds/hall.toml"));
+    let on_lines = RobotLocation { config: folder.path.clone(), world, ..shipped.clone() };
     let places = [&shipped, &courier, &oriented, &on_lines];
     let without = places.map(|place| effect_on(place, &scenario, std::slice::from_ref(&kill)).0);
     for kind in &scenario.kinds {
