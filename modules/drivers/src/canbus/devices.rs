@@ -647,7 +647,11 @@ impl Device {
             let place = |item: &pdo::Item| {
                 let pdo::Mapped { index, sub, bits } = item.mapped;
                 let own = |object: &Object| (object.index, object.sub, object.output) == (index, sub, false);
-                let object = self.objects.iter().position(own).filter(|_| item.offset.is_multiple_of(8) && bits.is_multiple_of(8))?;
+                let object = self
+                    .objects
+                    .iter()
+                    .position(own)
+                    .filter(|_| item.offset.is_multiple_of(8) && bits.is_multiple_of(8))?;
                 Some(Mapped { object, first: usize::from(item.offset / 8), len: usize::from(bits / 8) })
             };
             let objects = layout.items().iter().filter_map(place).collect();
