@@ -228,6 +228,7 @@ export const HOLD_FAULTS: ReadonlyMap<number, readonly { number: number; same: b
   [233, [{ number: 0x0213, same: false }]],
   [234, [{ number: 0x0215, same: false }]],
   [236, [{ number: 0x0216, same: false }]],
+  [237, [{ number: 0x0205, same: false }]],
   [301, [{ number: 0x0209, same: true }, { number: 0x0301, same: true }, { number: 0x0302, same: true }, { number: 0x0303, same: true }, { number: 0x0306, same: true }]],
   [302, [{ number: 0x020a, same: false }, { number: 0x0308, same: false }]],
   [303, [{ number: 0x0006, same: false }]],
