@@ -2,8 +2,8 @@
 //! `--rotation` or `--left` in place of the steering angle it commands a velocity of the body. It begins with its speed
 //! once `driver_canbus` carries out its zero: motion of a source that must still wait for another one would not move
 //! the robot, and then the source would have to send zero again.
-//! Before that it releases the robot where that waits for an operator: the latch of PAUSE, homing. It ends once its last
-//! zero has expired.
+//! Before that it releases the robot where that waits for an operator: the latch of PAUSE, homing. It ends once its
+//! last zero has expired.
 
 use super::bus::{Heard, Tool};
 use super::release::Release;

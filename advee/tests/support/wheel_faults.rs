@@ -212,7 +212,8 @@ struct Seen {
     /// The drive of which another motion must not begin, and what it reports of that.
     victim: Option<Drive>,
     absence: Absence,
-    /// While that is absent: when each ceased to turn for the last time, and whether it still turned when that was back.
+    /// While that is absent: when each ceased to turn for the last time, and whether it still turned when that was
+    /// back.
     ended_without: Vec<Option<Instant>>,
     turns_on: Vec<bool>,
 }

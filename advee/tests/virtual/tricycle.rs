@@ -308,8 +308,8 @@ fn a_slipping_encoder_of_the_steering_turns_it_no_farther_than_what_it_counts() 
     }
 }
 
-/// Greatest speed that the tug reaches, m/s, beyond the one commanded, when its only encoder counts backwards: until that
-/// is found, and its drive, which accelerates it, is switched off.
+/// Greatest speed that the tug reaches, m/s, beyond the one commanded, when its only encoder counts backwards: until
+/// that is found, and its drive, which accelerates it, is switched off.
 const REVERSED_GAIN_MPS: f64 = 1.0;
 
 /// Nothing else cuts its motor's feed, and its drive carries out a quick stop by the encoder that is wrong.

@@ -157,7 +157,7 @@ impl Log {
                 let opened = opened.collect::<Result<Vec<_>, Failed>>()?;
                 let wants = |channel: &Channel, _: Option<&Schema>| selection.wants(&channel.topic, &channel.encoding);
                 let filter = Filter { from: selection.from, to: selection.to, wants: &wants };
-                Ok(Items { path, kind: Inner::Mcap(Messages::new(opened, &filter)) })
+                Ok(Items { path, kind: Inner::Mcap(Box::new(Messages::new(opened, &filter))) })
             }
             Kind::Events(events) => {
                 let selection = Box::new(selection.clone());
@@ -232,7 +232,7 @@ pub struct Items {
 }
 
 enum Inner {
-    Mcap(Messages<File>),
+    Mcap(Box<Messages<File>>),
     Events { reader: eventlog::Reader<File>, selection: Box<Selection>, size: u64 },
 }
 

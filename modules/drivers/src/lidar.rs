@@ -223,8 +223,8 @@ impl Scanner {
         }
     }
 
-    /// Reports optics that are blocked: the device says so, or it receives nothing. Before its first echo it has time to
-    /// spin up.
+    /// Reports optics that are blocked: the device says so, or it receives nothing. Before its first echo it has time
+    /// to spin up.
     fn report_blocked(&mut self, now: Instant, out: &mut Actions) {
         let is_due = self.echo.is_some() || self.spins_until <= now;
         let covered = self.measures == Some(true) && is_due && is_covered(now, &self.device, self.echo);

@@ -4,8 +4,8 @@
 //! power, or on drives that roll on without commands, it coasts, and its speed never rises. A drive that has lost its
 //! power at speed gets it back at standstill only, whatever is commanded meanwhile.
 //!
-//! Judged is each sample, not standstill alone: on the ramp of a quick stop the speed must fall from the moment at which
-//! the stop must have begun. One that began sooner, or brakes harder, is below it all the time.
+//! Judged is each sample, not standstill alone: on the ramp of a quick stop the speed must fall from the moment at
+//! which the stop must have begun. One that began sooner, or brakes harder, is below it all the time.
 
 use super::Verdict;
 use super::facts::Facts;

@@ -6,10 +6,11 @@
 //!
 //! A CANopen drive reports that it stops by itself when it no longer receives its master: by emergency 0x8130, and by a
 //! heartbeat that is not Operational, in which state it takes no set-point (CiA 301). Its last set-point then moves
-//! nothing. The report is not believed: the wheel itself must stand within the time of a quick stop. What may go on is a
-//! wheel whose drive has restarted: its power stage is off, and it rolls. Two of three omni wheels that stand leave the
-//! body one motion, a turn about the point where their axles meet, in which the third wheel rolls. Nothing but the
-//! losses of this one wheel slows the body down then, at less than the deceleration of all of them, for some seconds.
+//! nothing. The report is not believed: the wheel itself must stand within the time of a quick stop. What may go on
+//! is a wheel whose drive has restarted: its power stage is off, and it rolls. Two of three omni wheels that stand
+//! leave the body one motion, a turn about the point where their axles meet, in which the third wheel rolls. Nothing
+//! but the losses of this one wheel slows the body down then, at less than the deceleration of all of them, for some
+//! seconds.
 
 use super::facts::{DELAY_MAX, Facts, OPERATION_ENABLED, QUEUE_AGE, STATE_MASK, SetPoint};
 use super::wire::{Drive, Heartbeat};

@@ -87,8 +87,8 @@ impl Base {
     }
 
     /// Greatest set-point of its fastest wheel, m/s, that slows down from `speed` to zero for `time`. With the command
-    /// to stand all wheels slow down in proportion, the fastest one on its ramp: it is decided in the next step, and the
-    /// last of the wheels is sent its set-point a step later than the first.
+    /// to stand all wheels slow down in proportion, the fastest one on its ramp: it is decided in the next step, and
+    /// the last of the wheels is sent its set-point a step later than the first.
     fn slowed(&self, speed: f64, time: Duration) -> f64 {
         let ramp = time.saturating_sub(3 * STEP).as_secs_f64() * RAMP_PART * self.deceleration_mps2;
         (speed - ramp).max(0.0)
@@ -276,10 +276,10 @@ impl Facts {
         }
     }
 
-    /// True if the wheels slow down on their ramp since a command last asked for their motion, without a stop since then,
-    /// and not faster than they were, for a source that had overruled by its zero the source of that command, which commanded
-    /// without a gap until then, and still commands zero: it ends a motion that was permitted, and begins none. To others
-    /// the silence of the source that moved them is a stop.
+    /// True if the wheels slow down on their ramp since a command last asked for their motion, without a stop since
+    /// then, and not faster than they were, for a source that had overruled by its zero the source of that command,
+    /// which commanded without a gap until then, and still commands zero: it ends a motion that was permitted, and
+    /// begins none. To others the silence of the source that moved them is a stop.
     pub fn ends_motion(&self, now: Instant, speed: f64) -> bool {
         let Some(base) = &self.limits.base else { return false };
         let (since, fastest) = self.asked;

@@ -1,10 +1,10 @@
 //! Drives as they are on the wire: where their commands and reports are.
 //!
-//! The rules know one language, that of CANopen with CiA 402: identifiers, data, controlword and statusword. An ODrive is
-//! read as such a drive where its frames are looked at. Of any other motor controller a [`Reader`] reads the traffic, and
-//! the [`Listener`] passes on what a CANopen drive would have sent, as telegrams with identifiers beyond those of CAN. So
-//! a further protocol is a file with its reader, and a line in [`Protocol`], in [`Drive::reader`] and in each function
-//! of what other programs can do to it.
+//! The rules know one language, that of CANopen with CiA 402: identifiers, data, controlword and statusword. An
+//! ODrive is read as such a drive where its frames are looked at. Of any other motor controller a [`Reader`] reads
+//! the traffic, and the [`Listener`] passes on what a CANopen drive would have sent, as telegrams with identifiers
+//! beyond those of CAN. So a further protocol is a file with its reader, and a line in [`Protocol`], in
+//! [`Drive::reader`] and in each function of what other programs can do to it.
 
 mod roboclaw;
 mod telegram;

@@ -27,8 +27,8 @@ const RATE_HZ: core::ops::RangeInclusive<f64> = 4.5..=16.0;
 const RATE_MAX_HZ: f64 = 25.0;
 /// Time limit of a revolution of single samples, s.
 const TURN_WITHIN_S: f64 = 0.35;
-/// The motor turns steadily while the angles of two capsules in succession differ by at most one part in this many: 0.29°
-/// of the 28.8° of a C1 at 10 Hz, less than the 0.72° between two samples.
+/// The motor turns steadily while the angles of two capsules in succession differ by at most one part in this many:
+/// 0.29° of the 28.8° of a C1 at 10 Hz, less than the 0.72° between two samples.
 const STEADY: u32 = 100;
 /// Samples in order after which single samples are believed.
 const SETTLED: u16 = 16;
@@ -371,8 +371,8 @@ impl Requests {
         }
     }
 
-    /// Takes what two capsules in succession tell: the samples of the earlier one, and of the new one, too, if it needs no
-    /// later one.
+    /// Takes what two capsules in succession tell: the samples of the earlier one, and of the new one, too, if it
+    /// needs no later one.
     fn take_capsule(&mut self, last: &Last, new: &mut Last, shared: &mut Shared) {
         let (_, count) = capsule::shape(self.config.mode).unwrap_or((0, 1));
         let advance_q6 = capsule::advance_q6(&last.capsule, &new.capsule);

@@ -58,10 +58,10 @@ pub fn found_nothing(awake: &Word) {
     awake.store(0, Ordering::Relaxed);
 }
 
-/// True if a reader has read all that a publisher wrote for it; `behind` is the sleep in which that publisher last found
-/// it when it wrote for it. The reader sleeps, found all rings empty after it announced that, and nothing came since. Its
-/// word of sleep alone does not show it: a sleep is announced before the rings are looked into, and not everybody who
-/// rings may mark the reader as woken.
+/// True if a reader has read all that a publisher wrote for it; `behind` is the sleep in which that publisher last
+/// found it when it wrote for it. The reader sleeps, found all rings empty after it announced that, and nothing came
+/// since. Its word of sleep alone does not show it: a sleep is announced before the rings are looked into, and not
+/// everybody who rings may mark the reader as woken.
 pub fn has_read_all(word: &Word, awake: &Word, behind: Option<Value>) -> bool {
     // The sleep first: the one that it shows began before the answer to whether it is awake.
     asleep(word).is_some_and(|sleep| behind != Some(sleep)) && awake.load(Ordering::Relaxed) == 0

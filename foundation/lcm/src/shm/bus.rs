@@ -33,8 +33,8 @@ const LOOK_MS: Value = 1000;
 /// Age of the last check from which a thread with a real-time priority sends datagrams, too. It never checks by itself:
 /// that takes 2 ms on a small processor, and other threads do it.
 const OVERDUE_MS: Value = 2 * LOOK_MS;
-/// Maximum time by which another's look may be later than the time that was taken here, ms. Words of 32 bits come around
-/// after 50 days: any other age is that of a bus on which nobody has published for as long.
+/// Maximum time by which another's look may be later than the time that was taken here, ms. Words of 32 bits come
+/// around after 50 days: any other age is that of a bus on which nobody has published for as long.
 const AHEAD_MS: Value = 60_000;
 /// Maximum number of records that one [`Bus::recv`] passes over before it returns.
 const PASSED_MAX: usize = 4096;

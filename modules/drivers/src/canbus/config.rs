@@ -194,8 +194,8 @@ settings! {
 }
 
 settings! {
-    /// What becomes of a wheel that gains more than 0.1 m/s, by at least half the quick stop's deceleration, since it was
-    /// ordered to stop at speed.
+    /// What becomes of a wheel that gains more than 0.1 m/s, by at least half the quick stop's deceleration, since it
+    /// was ordered to stop at speed.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub enum UnbrakedStop {
         /// Its drive is switched off, and the wheel rolls: the drive itself accelerates it.

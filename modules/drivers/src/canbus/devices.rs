@@ -10,8 +10,8 @@
 //!           [`ORDER_TTL`] outputs get their safe values
 //! Mapping   read at each start, and again after another master. A TPDO is taken only if its identifier is the one of
 //!           the pre-defined connection set: a frame under that identifier is of another node otherwise. A read of it
-//!           without an answer is repeated, up to [`MAPPING_UNANSWERED_MAX`] for a TPDO. Until its mapping is known a TPDO
-//!           is dropped, and inputs are what answers to SDO requests prove: unknown 0.5 s after the last one
+//!           without an answer is repeated, up to [`MAPPING_UNANSWERED_MAX`] for a TPDO. Until its mapping is known a
+//! TPDO           is dropped, and inputs are what answers to SDO requests prove: unknown 0.5 s after the last one
 //! Length    an answer or a TPDO that has not the length of its object or mapping is dropped and reported
 //! Stops     an input of `[stop]` goes to the PAUSE line as it is received; see `pause`
 //!

@@ -12,7 +12,8 @@ pub(super) enum Objection {
     /// [`Hold::BusDown`] or [`Hold::BusUnacknowledged`].
     Bus(Hold),
     SecondMaster,
-    /// [`Hold::SpeedExceeded`], [`Hold::FeedCut`], [`Hold::WheelStood`], [`Hold::WheelsDisagree`], or one of the output that cuts the feed.
+    /// [`Hold::SpeedExceeded`], [`Hold::FeedCut`], [`Hold::WheelStood`], [`Hold::WheelsDisagree`], or one of the
+    /// output that cuts the feed.
     Speed(Hold),
     /// An object of the drive on which the stop depends was changed.
     Parameter(Axis),

@@ -267,7 +267,8 @@ impl Canbus {
         }
     }
 
-    /// A wheel gains speed against its brake. Without a second way its drive is switched off: it is what accelerates it.
+    /// A wheel gains speed against its brake. Without a second way its drive is switched off: it is what accelerates
+    /// it.
     fn on_accelerating(&mut self, now: Instant, number: usize, what: &str, out: &mut Actions) {
         let has_way = !matches!(self.stop_watch.way, Way::None);
         if has_way || self.config.stop.unbraked == UnbrakedStop::Brake {
@@ -360,8 +361,8 @@ impl Canbus {
         }
     }
 
-    /// A person commands this module to RUN: ends an alarm that did not cut the feed, once the robot stands, as far as it
-    /// is measured.
+    /// A person commands this module to RUN: ends an alarm that did not cut the feed, once the robot stands, as far
+    /// as it is measured.
     pub(super) fn acknowledge_speed(&mut self, out: &mut Actions) {
         let ends = matches!(self.stop_watch.latched, Some(Hold::SpeedExceeded | Hold::WheelStood));
         if ends && self.wheels.stand_or_are_cut(self.now) {

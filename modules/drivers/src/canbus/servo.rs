@@ -79,7 +79,8 @@ impl Servo {
         self.target = self.units.velocity(speed);
     }
 
-    /// `cut`: the power stage is switched off at once, from any state and without a ramp, by which the drive would go on.
+    /// `cut`: the power stage is switched off at once, from any state and without a ramp, by which the drive would go
+    /// on.
     pub(super) fn advance(&mut self, now: Instant, goal: Goal, cut: bool, master: &mut Master, out: &mut Actions) {
         self.drive.set_goal(now, goal);
         self.drive.handle_timeout(now, out);

@@ -397,8 +397,8 @@ mod tests {
         }
     }
 
-    /// When a wheel that is to stop, and changes its speed by `slope`, is found to gain speed. That it does not stop may
-    /// be found before.
+    /// When a wheel that is to stop, and changes its speed by `slope`, is found to gain speed. That it does not stop
+    /// may be found before.
     fn found(bench: &mut Bench, slope: f64) -> Option<u64> {
         let begin = bench.ms;
         while bench.ms < begin + 1500 {
