@@ -35,6 +35,11 @@ const LEG_SPACING_M: f64 = 0.07 / 3.0;
 const BESIDE_MAX: usize = 8;
 /// Longest time between two revolutions for which somebody walks, s.
 const TURN_MAX_S: f64 = 0.2;
+/// Ages, in revolutions, of what is compared with a finding. Who crosses the direction in which a revolution ends is met
+/// twice in one, or in none: neither counts as two in succession, nor as one that missed it.
+const EARLIER: (f64, f64) = (0.5, 1.5);
+/// Revolutions in which something of that age is: the present one, and two before it.
+const EARLIER_TURNS: usize = 3;
 /// Directions into which findings are sorted, seen from the lidar.
 const BINS: usize = 360;
 /// Bins on either side of a beam in which something stood before if it has not come nearer.
@@ -56,6 +61,8 @@ const COVERED_M: [f64; 6] = [0.02, 0.15, 0.4, 0.8, 1.3, 1.9];
 struct Hit {
     /// Where, in the frame of the trail, m.
     at: Point,
+    /// When its sector began.
+    when: Instant,
     /// Revolutions in succession that have found it, up to `evaluations`.
     turns: u32,
     /// It came nearer by itself.
@@ -194,8 +201,7 @@ impl Eye {
         self.begin(at, &slices);
         let robot = trail.pose(at);
         let here = (robot * self.lidar.mount).point();
-        let (begun, before, _) = self.earlier()?;
-        let period = before.map_or(TURN_MAX_S, |before| begun.since(before.since).as_secs_f64().min(TURN_MAX_S));
+        let period = self.period()?;
         let same = SAME_M + WALK_MPS * period;
         let (mut met, mut follows) = (Vec::with_capacity(scan.ranges.len()), false);
         let room = HITS_MAX.saturating_sub(self.turns.back()?.hits.len());
@@ -227,10 +233,14 @@ impl Eye {
             met.push(Met { at: point, bin, distance, follows, lone, slice });
             follows = true;
         }
-        let (begun, before, old) = self.earlier()?;
+        let (begun, old) = self.old()?;
         let baseline = old.map_or(f64::INFINITY, |old| begun.since(old.since).as_secs_f64());
         let arc = Arc::around(&met, same);
-        let (before, old) = (View::new(here, before, &arc), View::new(here, old, &arc));
+        let turns = self.turns.iter().rev().take(EARLIER_TURNS).flat_map(|turn| &turn.hits);
+        let ago = |turns: f64| at - Duration::from_secs_f64(turns * period);
+        let (from, to) = (ago(EARLIER.1), ago(EARLIER.0));
+        let before = View::new(here, turns.filter(|hit| from < hit.when && hit.when <= to), &arc);
+        let old = View::new(here, old.into_iter().flat_map(|turn| &turn.hits), &arc);
         let (mut hits, mut nearest, mut nears) = (Vec::with_capacity(met.len()), f64::INFINITY, false);
         for Met { at: point, bin, distance, follows, lone, slice } in met {
             let found = before.turns(bin, distance, if lone { SAME_M } else { same });
@@ -239,7 +249,7 @@ impl Eye {
             // Noise seldom brings two beams nearer, one beside the other.
             let approaches = comes_nearer && nears && follows;
             nears = comes_nearer;
-            let hit = Hit { at: point, turns: rules.evaluations.min(found + 1), approaches, slice };
+            let hit = Hit { at: point, when: at, turns: rules.evaluations.min(found + 1), approaches, slice };
             if approaches || hit.turns == rules.evaluations && found < hit.turns {
                 nearest = nearest.min(robot.point().distance(point));
             }
@@ -270,12 +280,18 @@ impl Eye {
         }
     }
 
-    /// Beginning of the present revolution, the one before it, and one that is earlier by [`BASELINE`].
-    fn earlier(&self) -> Option<(Instant, Option<&Turn>, Option<&Turn>)> {
+    /// Time that the last whole revolution took, s; the longest one before that.
+    fn period(&self) -> Option<f64> {
+        let mut turns = self.turns.iter().rev().map(|turn| turn.since);
+        let since = turns.next()?;
+        Some(turns.next().map_or(TURN_MAX_S, |before| since.since(before).as_secs_f64().min(TURN_MAX_S)))
+    }
+
+    /// Beginning of the present revolution, and one that is earlier by [`BASELINE`].
+    fn old(&self) -> Option<(Instant, Option<&Turn>)> {
         let mut turns = self.turns.iter().rev();
         let since = turns.next()?.since;
-        let old = turns.clone().find(|turn| since.since(turn.since) >= BASELINE);
-        Some((since, turns.next(), old))
+        Some((since, turns.find(|turn| since.since(turn.since) >= BASELINE)))
     }
 }
 
@@ -375,13 +391,12 @@ fn beside(distance: f64, same: f64) -> usize {
     (libm::asin((same / distance).min(1.0)) / TAU * BINS as f64) as usize
 }
 
-/// A revolution as it looks from somewhere: in each direction the nearest finding's distance, m, and its revolutions.
+/// Findings as they look from somewhere: in each direction the nearest finding's distance, m, and its revolutions.
 struct View([(f64, u32); BINS]);
 
 impl View {
-    fn new(from: Point, turn: Option<&Turn>, arc: &Arc) -> Self {
+    fn new<'a>(from: Point, hits: impl Iterator<Item = &'a Hit>, arc: &Arc) -> Self {
         let mut nearest = [(f64::INFINITY, 0); BINS];
-        let hits = turn.into_iter().flat_map(|turn| &turn.hits);
         for hit in hits.filter(|hit| arc.may_contain(from, hit.at)) {
             let (bin, distance) = seen_from(from, hit.at);
             if distance < nearest[bin].0 {

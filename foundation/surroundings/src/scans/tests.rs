@@ -317,6 +317,28 @@ fn a_leg_that_walks_counts_in_the_second_revolution_even_if_its_edges_are_not_me
     }
 }
 
+/// A revolution of the bench ends behind; the fourth one begins at this time, s.
+const FOURTH_S: f64 = 1.0 + 3.0 * 0.09972;
+
+#[test]
+fn who_crosses_the_direction_in_which_a_revolution_ends_and_is_met_twice_in_it_counts() {
+    let walks = |seconds: f64| (Point { x: -1.5, y: WALK_MPS * (seconds - FOURTH_S) - 0.03 }, 0.035);
+    let mut bench = Bench::new(rules(), &lidar(0.0, 0.0));
+    bench.revolve_times(3);
+    bench.things.push(&walks);
+    assert!(bench.revolve() && bench.counts().0 > 0);
+}
+
+#[test]
+fn who_crosses_it_and_is_not_met_in_a_revolution_counts_in_the_next_one() {
+    let walks = |seconds: f64| (Point { x: -1.5, y: 0.29 - WALK_MPS * (seconds - FOURTH_S) }, 0.035);
+    let mut bench = Bench::new(rules(), &lidar(0.0, 0.0));
+    bench.revolve_times(3);
+    bench.things.push(&walks);
+    assert!(!bench.revolve() && !bench.revolve(), "met once");
+    assert!(bench.revolve() && bench.counts().0 > 0);
+}
+
 #[test]
 fn a_place_is_compared_up_to_its_tolerance_whatever_the_borders_of_directions() {
     let here = Point::default();
@@ -329,12 +351,11 @@ fn a_place_is_compared_up_to_its_tolerance_whatever_the_borders_of_directions() 
             // 4.9 cm beside it.
             let angle = f64::from(n) * TAU / 720.0 + 0.001;
             let place = at(angle + 2.0 * libm::asin(0.0245 / distance));
-            let hit = Hit { at: place, turns: 1, approaches: false, slice: 0 };
-            let turn = Turn { since: Instant::ZERO, seen: Vec::new(), hits: vec![hit] };
+            let hit = Hit { at: place, when: Instant::ZERO, turns: 1, approaches: false, slice: 0 };
             let (bin, distance) = seen_from(here, at(angle));
             let met = Met { at: at(angle), bin, distance, follows: true, lone: true, slice: 0 };
             let arc = Arc::around(&[met], SAME_M);
-            assert_eq!(View::new(here, Some(&turn), &arc).turns(bin, distance, SAME_M), 1, "{n} {distance}");
+            assert_eq!(View::new(here, [&hit].into_iter(), &arc).turns(bin, distance, SAME_M), 1, "{n} {distance}");
         }
     }
 }
@@ -522,11 +543,11 @@ fn a_view_of_an_arc_answers_as_the_whole_one() {
             let (sin, cos) = libm::sincos(angle);
             Point { x: here.x + distance * cos, y: here.y + distance * sin }
         };
-        let mut hits: Vec<Hit> = (0..300)
-            .map(|turns| Hit { at: hit(4.0 * random(), TAU * random()), turns: turns % 3, approaches: false, slice: 0 })
+        let hits: Vec<Hit> = (0..300)
+            .map(|turns| (hit(4.0 * random(), TAU * random()), turns % 3))
+            .chain([(here, 1)])
+            .map(|(at, turns)| Hit { at, when: Instant::ZERO, turns, approaches: false, slice: 0 })
             .collect();
-        hits.push(Hit { at: here, turns: 1, approaches: false, slice: 0 });
-        let turn = Turn { since: Instant::ZERO, seen: Vec::new(), hits };
         // A sector; every tenth one at the lidar, which has directions all around.
         let (first, nearest) = (TAU * random(), if n % 10 == 0 { 0.0 } else { 0.6 });
         let met: Vec<Met> = (0..50)
@@ -539,8 +560,8 @@ fn a_view_of_an_arc_answers_as_the_whole_one() {
         let same = 0.21;
         let arc = Arc::around(&met, same);
         narrow += usize::from(arc.half.is_some());
-        let whole = View::new(here, Some(&turn), &Arc { middle: (1.0, 0.0), half: None });
-        let part = View::new(here, Some(&turn), &arc);
+        let whole = View::new(here, hits.iter(), &Arc { middle: (1.0, 0.0), half: None });
+        let part = View::new(here, hits.iter(), &arc);
         for Met { bin, distance, .. } in met {
             assert_eq!(part.turns(bin, distance, same), whole.turns(bin, distance, same));
             assert_eq!(part.nearest(bin), whole.nearest(bin));
