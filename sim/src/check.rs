@@ -541,7 +541,7 @@ impl Checkers {
                 self.promise.on_truth(truth);
                 self.sight.on_truth(now, truth, facts);
                 let speed = self.pace.speed(now, pid, truth, facts.limits.base.as_ref());
-                named("pause", self.pause.on_truth(now, speed, facts))?;
+                named("pause", self.pause.on_truth(now, speed, truth.clearance, facts))?;
                 named("body", self.body.on_truth(now, speed, facts))?;
                 named("feed", self.feed.on_truth(now, speed, facts))?;
                 named("released", self.released.on_truth(now, pid, truth.steering, facts))?;

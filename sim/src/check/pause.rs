@@ -1,5 +1,6 @@
 //! The PAUSE line stops the robot (docs/design.md, section 4): no set-point leaves later than 20 ms after the driver
-//! was served that the line is engaged, and the body's speed never rises. If the robot has such a line, no set-point
+//! was served that the line is engaged, and the body's speed never rises, unless it touches something, which may hold it
+//! and let it go before its wheels stand. If the robot has such a line, no set-point
 //! leaves before its first report, nor 1.2 s after its last one; the same holds for a lidar's fields and an input of a
 //! module that stop the robot, within 0.5 s.
 
@@ -14,6 +15,8 @@ const REACTION_MAX: Duration = Duration::from_millis(20);
 const STOPS_TIMEOUT: Duration = Duration::from_millis(500);
 /// Speed change within a step of the body plus the rounding of the truth, m/s.
 const SPEED_TOLERANCE_MPS: f64 = 0.005;
+/// Distance from the nearest obstacle up to which that may hold the robot, m.
+const HELD_M: f64 = 0.01;
 
 /// A set-point has left the wire.
 pub(super) fn on_set_point(now: Instant, speed: f64, facts: &Facts) -> Verdict {
@@ -62,12 +65,12 @@ impl Rule {
         }
     }
 
-    /// Processes a sample of the body's speed.
-    pub fn on_truth(&mut self, now: Instant, speed: f64, facts: &Facts) -> Verdict {
+    /// Processes a sample of the body's speed, and its distance from the nearest obstacle, m.
+    pub fn on_truth(&mut self, now: Instant, speed: f64, clearance: f64, facts: &Facts) -> Verdict {
         let known = matches!(facts.pause.state(), Pause::Engaged(since) if now.since(since) > REACTION_MAX);
         // A drive that receives nothing continues until its timeout of the master's heartbeat.
-        if !known || facts.may_disobey(now) || facts.is_cut_off(now) || facts.is_disturbed(now) || !facts.driver.works()
-        {
+        let obeys = !facts.may_disobey(now) && !facts.is_cut_off(now) && !facts.is_disturbed(now);
+        if !known || !obeys || !facts.driver.works() || clearance < HELD_M {
             self.speed = None;
             return Ok(());
         }

@@ -98,6 +98,8 @@ struct Bench {
     steering: f64,
     /// Rotation of the body, rad/s.
     rotation: f64,
+    /// Distance from the nearest obstacle, m.
+    clearance: f64,
     /// It moves at its speed.
     rolls: bool,
     /// Process that simulates the body.
@@ -129,6 +131,7 @@ impl Bench {
             speed: 0.0,
             steering: 0.0,
             rotation: 0.0,
+            clearance: 1.0,
             rolls,
             simulator: 0,
             way: Way::Memory,
@@ -184,8 +187,9 @@ impl Bench {
     }
 
     fn truth(&mut self) {
-        let &mut Self { x, y, theta, speed, steering, .. } = self;
-        self.sent(self.simulator, simulation::DataTruth { x, y, theta, speed, steering, ..Default::default() });
+        let &mut Self { x, y, theta, speed, steering, clearance, .. } = self;
+        let truth = simulation::DataTruth { x, y, theta, speed, steering, clearance, ..Default::default() };
+        self.sent(self.simulator, truth);
     }
 
     fn sender(&self, pid: u32) -> Sender {
@@ -301,6 +305,7 @@ impl Bench {
             // The body, and the driver's report of it.
             ["speed", speed] => self.speed = number(speed),
             ["rotation", rotation] => self.rotation = number(rotation),
+            ["clearance", clearance] => self.clearance = number(clearance),
             ["truth", speed] => {
                 self.speed = number(speed);
                 self.truth();
@@ -663,6 +668,21 @@ fn under_pause_the_speed_never_rises() {
         +50
         +50 speed 0.2
         +50 speed 0.21
+        +50 ! pause",
+    );
+    // Something held it, and lets it go while its wheels still turn; later it must not gain speed.
+    check(
+        "begin pad 0.4
+        quiet power
+        line engaged
+        stop
+        speed 0.05
+        +50 clearance 0.001
+        +50 speed 0.1
+        +50 clearance 0.06
+        +50 speed 0.05
+        +50
+        +50 speed 0.06
         +50 ! pause",
     );
 }
