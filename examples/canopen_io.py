@@ -22,6 +22,8 @@ try:
 except ModuleNotFoundError as error:
     sys.exit(f"{error}: pip install canopen python-can msgpack; or .venv/bin/python, which make test fills")
 
+from canopen_drives import connect  # the bus, in the file beside this one
+
 CYCLE = 0.005
 INPUTS, OUTPUTS, ERROR_MODE, ERROR_VALUE = 0x6000, 0x6200, 0x6206, 0x6207
 MASTERS, TPDO, MAPPING = 0x1016, 0x1800, 0x1A00
@@ -153,19 +155,6 @@ class Device:
                     self.say("master lost")
                     by_error = self.get(ERROR_MODE)
                     self.set_outputs(self.outputs & ~by_error | self.get(ERROR_VALUE) & by_error)
-
-
-def connect(bus):
-    network = canopen.Network()
-    network.NOTIFIER_CYCLE = 0.1
-    kind, _, rest = bus.partition(":")
-    if kind == "udp":
-        group, _, port = rest.partition(":")
-        network.connect(
-            interface="udp_multicast", channel=group, port=int(port or 43113), hop_limit=0, fd=False)
-    else:
-        network.connect(interface="socketcan", channel=bus)
-    return network
 
 
 def main(bus, number):

@@ -134,8 +134,9 @@ pub(super) struct Operator {
     goal: i32,
     /// What the planner says about the goal.
     answer: String,
-    /// The planner waits for whoever stands in its way, since then.
+    /// The planner waits because its way is blocked.
     blocked: bool,
+    /// Since when.
     blocked_since: Option<Instant>,
     goals: Goals,
 }

@@ -98,7 +98,7 @@ settings! {
         silence: f64 = 0.2, 0.0..=1.0;
         /// Probability of commanding zero there.
         zero: f64 = 0.2, 0.0..=1.0;
-        /// Time for which the operator lets the planner wait for whoever stands in its way before giving up the goal.
+        /// Time for which the operator lets a planner wait whose way is blocked, before giving up the goal.
         patience_s as patience: f64 = 0.0, 0.0..=DAY;
         /// The wheelbase of what he drives, m: he knows where it will go.
         wheelbase: f64 = unset 0.6;
