@@ -180,6 +180,8 @@ pub fn drive(common: &Common, command: &Drive) -> Outcome {
     let stands = |motion: &DataMotion| motion.speed.abs() < STANDS_MPS && motion.speed_target == 0.0;
     let stood = session.command(0.0, turn.at_rest(), clock::now() + STAND, stands)?;
     if !moved {
+        // A goal that follows must not find this source driving, either.
+        session.expire()?;
         return Err(format!("the robot did not move: {why_not}").into());
     }
     match stood {
