@@ -118,7 +118,9 @@ fn ended(target: &Target, interrupted: bool, answered: usize) -> Result<(), Fail
         (true, _) => Err("interrupted".into()),
         (false, 0) => {
             let what = format!("{}: nobody answers", target.name);
-            Err(format!("{what}: power, wires, termination and bit rate are what to look at").into())
+            let look = "power, wires, termination and bit rate are what to look at";
+            let others = "an ODrive or a VESC is no node of CANopen (docs/motor-controllers.md)";
+            Err(format!("{what}: {look}; {others}").into())
         }
         _ => Ok(()),
     }
@@ -145,6 +147,11 @@ fn ask(access: &mut Access, mut waiting: VecDeque<u8>) -> Result<(BTreeMap<u8, R
         asked -= 1;
         let tries = if access.held.is_some() { TRIES_THROUGH } else { TRIES };
         let row = rows.entry(node).or_default();
+        // A module whose drives are no nodes of CANopen has no master, and asks nobody.
+        let unasked = matches!(result, Err(Error::Refused(Abort::NO_RESOURCE))) && access.held.is_some();
+        if unasked && row.took.is_none() {
+            continue;
+        }
         if row.take(result, took, tries) {
             // Who was found is asked on before anybody else.
             waiting.push_front(node);
