@@ -90,7 +90,22 @@ mod tests {
             text[..nodes[1]].to_owned() + &text[end..]
         });
         let found = problems(&place(config, true));
-        assert_eq!(found, ["driver_canbus: robot.toml has no [can.<bus>] with both axes"]);
+        let why = "driver_canbus: robot.toml has no [can.<bus>] with both axes: no drive has axis = \"steering\"";
+        assert_eq!(found, [why]);
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn a_robot_with_drives_on_two_buses_is_refused_with_their_names() {
+        let (folder, config) = copy("buses", |text| {
+            let (at, _) = text.match_indices("[[can.main.nodes]]").nth(1).unwrap();
+            let second = text[at..].replacen("can.main", "can.second", 1);
+            text[..at].to_owned() + "[can.second]\ninterface = \"udp:239.74.163.3\"\n" + &second
+        });
+        let found = problems(&place(config, true));
+        let why = "driver_canbus: robot.toml has no [can.<bus>] with both axes: its drives are on [can.main] and \
+                   [can.second], expected one";
+        assert!(found.iter().any(|line| line == why), "{found:?}");
         std::fs::remove_dir_all(folder).unwrap();
     }
 

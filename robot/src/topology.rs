@@ -613,6 +613,28 @@ fn auxiliary(robot: &Robot) -> Result<auxiliary::Auxiliary, ConfigError> {
     driver.or_else(|error| refused(format!("driver_aux: {error}")))
 }
 
+/// Which axes of the base have no drive, or on which CAN buses the drives are; empty: neither is the reason.
+fn undriven(robot: &Robot) -> String {
+    let is_on_line = |axis: &str| {
+        robot.serial.iter().any(|line| line.driver.motors().into_iter().any(|(moved, _)| moved.name() == axis))
+    };
+    let has = |bus: &config::CanBus, axis: &str| bus.driver.nodes.iter().any(|node| node.axis.name() == axis);
+    let is_on_bus = |axis: &str| robot.can.iter().any(|bus| has(bus, axis));
+    let without = robot.axes().iter().filter(|axis| !is_on_line(axis) && !is_on_bus(axis));
+    let without: Vec<String> = without.map(|axis| format!("{axis:?}")).collect();
+    let buses: Vec<String> = robot
+        .can
+        .iter()
+        .filter(|bus| robot.axes().iter().any(|axis| has(bus, axis)))
+        .map(|bus| format!("[can.{}]", bus.name))
+        .collect();
+    match (without.is_empty(), buses.len()) {
+        (false, _) => format!(": no drive has axis = {}", without.join(", ")),
+        (true, 2..) => format!(": its drives are on {}, expected one", buses.join(" and ")),
+        (true, _) => String::new(),
+    }
+}
+
 /// `driver_canbus`: the CAN bus that the drives are on, and the serial lines.
 pub(crate) fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> Result<canbus::Canbus, ConfigError> {
     let robot = &config.robot;
@@ -621,7 +643,8 @@ pub(crate) fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> R
     let Some((bus, usual)) = robot.motion(&buses) else {
         let axes = if robot.base.is_none() { "both axes".into() } else { robot.axes().join(", ") };
         let lines = if robot.serial.is_empty() { "" } else { ", alone or with the tables [serial.<name>]" };
-        return refused(format!("driver_canbus: robot.toml has no [can.<bus>] with {axes}{lines}"));
+        let why = undriven(robot);
+        return refused(format!("driver_canbus: robot.toml has no [can.<bus>] with {axes}{lines}{why}"));
     };
     let bus = bus.map(|number| &buses[number]);
     // The watchdog's list says of each process whether it can be judged. Where no other one is critical, its own row
