@@ -7,6 +7,9 @@ use drivers::canbus::{self, Canbus};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+/// Digital inputs of a drive (CiA 402).
+const INPUTS: u16 = 0x60FD;
+
 fn error(path: &Path, why: impl std::fmt::Display) -> ConfigError {
     ConfigError(vec![format!("{}: {why}", path.display())])
 }
@@ -50,6 +53,21 @@ pub(crate) fn named(place: &RobotLocation, bus: &CanBus, why: &canbus::ConfigErr
     let line =
         sheet.and_then(|sheet| sheet.object(refusal.index, refusal.sub)).map(|object| format!(":{}", object.line));
     format!("{}{}: {why}", place.config.join(path).display(), line.unwrap_or_default())
+}
+
+/// A drive whose digital inputs stop the robot has them by its sheet: what cannot be read holds the robot for ever.
+pub(crate) fn check_inputs(place: &RobotLocation, bus: &CanBus, stop: &canbus::Stop) -> Result<(), ConfigError> {
+    for node in &bus.driver.nodes {
+        let (Some(path), Some(sheet)) = (&node.eds, &node.sheet) else { continue };
+        let stops = stop.inputs.iter().any(|input| input.axis == Some(node.axis));
+        if stops && sheet.object(INPUTS, 0).is_none() {
+            let axis = node.axis.name();
+            let why =
+                format!("0x60FD:0 (digital inputs): the {axis} drive has no such object, and [stop] inputs names it");
+            return Err(error(&place.config.join(path), why));
+        }
+    }
+    Ok(())
 }
 
 /// A data sheet that the configuration names must be one of a device that the driver can set up.

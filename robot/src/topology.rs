@@ -647,6 +647,7 @@ pub(crate) fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> R
         return refused(format!("driver_canbus: robot.toml has no [can.<bus>] with {axes}{lines}{why}"));
     };
     let bus = bus.map(|number| &buses[number]);
+    bus.map_or(Ok(()), |bus| sheets::check_inputs(place, bus, &robot.stop))?;
     // The watchdog's list says of each process whether it can be judged. Where no other one is critical, its own row
     // does: a watchdog that is late finds a hang of this one too late, too.
     let (own, others): (Vec<_>, Vec<_>) = config.critical().partition(|name| name == canbus::NAME);
@@ -829,6 +830,23 @@ mod tests {
         (node.drive, node.eds) = (Drive::Cia402(keys), Some(folder.join(sheet)));
         config.robot.stop.second_way = second_way;
         (place, config)
+    }
+
+    #[test]
+    fn an_input_that_stops_the_robot_is_one_that_the_drive_has_by_its_sheet() {
+        let made = |sheet: &str, velocity_unit, sets: &[String]| {
+            let keys = Cia402Config { gear: Some(26.0), velocity_unit, ..Cia402Config::usual() };
+            let (place, mut config) = by_sheet(sheet, keys, SecondWay::Power);
+            config.robot.stop.inputs = Config::load(&place.config, false, sets).unwrap().robot.stop.inputs;
+            let made = shell(&place, &config, canbus::NAME, State::Run, HostOptions::LIVE);
+            made.map(|_| ()).map_err(|error| error.to_string())
+        };
+        let input = [r#"stop.inputs=[{axis="propulsion",bit=3}]"#.to_owned()];
+        assert_eq!(made("others/maxon_epos4_50_15_node1.dcf", VelocityUnit::Stated, &input), Ok(()));
+        assert_eq!(made("epos_sim.eds", VelocityUnit::Rpm, &[]), Ok(()));
+        let why = made("epos_sim.eds", VelocityUnit::Rpm, &input).unwrap_err();
+        let expected = "0x60FD:0 (digital inputs): the propulsion drive has no such object, and [stop] inputs names it";
+        assert!(why.ends_with(&format!("epos_sim.eds: {expected}")), "{why}");
     }
 
     #[test]
