@@ -8,7 +8,7 @@ use base::can::Frame;
 use canopen::axis::modes::Mode;
 use canopen::axis::{Goal, PowerState, Units, control};
 use canopen::drives::cia402::{Parameters, Table};
-use canopen::drives::derive::{self, Derived};
+use canopen::drives::derive::{self, Derived, Reason, Refusal};
 use canopen::drives::epos;
 use canopen::{Master, NodeConfig};
 use module::Actions;
@@ -30,6 +30,12 @@ impl Servo {
         let (table, parameters, units, reservations) = match &own.drive {
             PropulsionDrive::Epos { rpm_per_mps } => {
                 let (parameters, units) = epos(own.node, *rpm_per_mps, limits);
+                let (rpm, high) = (units.speed(limits.speed_mps), epos::VELOCITY_MAX_RPM);
+                if rpm > high {
+                    let reason = Reason::OutOfLimits { value: rpm.into(), low: 1, high: high.into() };
+                    let refusal = Refusal { index: 0x607F, sub: 0, reason };
+                    return Err(ConfigError::Drive { axis: own.axis, refusal });
+                }
                 (epos::TABLE.clone(), parameters, units, Vec::new())
             }
             PropulsionDrive::Cia402 { drive, circumference } => {
