@@ -79,7 +79,7 @@ impl Rows {
 }
 
 /// Suffixes of keys, longer ones first, and their units.
-const UNITS: [(&str, &str); 19] = [
+const UNITS: [(&str, &str); 20] = [
     ("_mps2", "m/s²"),
     ("_radps", "rad/s"),
     ("_radpm", "rad/m"),
@@ -99,6 +99,7 @@ const UNITS: [(&str, &str); 19] = [
     ("baud", "Bd"),
     ("bitrate", "bit/s"),
     ("rpm_min", "1/min"),
+    ("rpm_max", "1/min"),
 ];
 
 impl Row {

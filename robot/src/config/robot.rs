@@ -831,6 +831,30 @@ impl Robot {
                     item.refuse("axis", format_args!("an axis of the base: {}", axes.join(", ")));
                 }
             }
+            for (n, node) in bus.driver.nodes.iter().enumerate() {
+                if let (Some(most), Some(item)) = (node.motor_rpm_max, table.item("nodes", n)) {
+                    self.check_motor(node, most, &item);
+                }
+            }
+        }
+    }
+
+    /// The limits of the robot demand no more of a motor than it and its gear can bear, rpm.
+    fn check_motor(&self, node: &canbus::Node, most: f64, table: &Table<'_>) {
+        let Some(gear) = node.drive.gear() else {
+            table.refuse_missing("gear", "the gear of a motor with motor_rpm_max");
+            return;
+        };
+        let (key, limit, per_turn) = match node.axis {
+            canbus::Axis::Steering => ("steering_rate_radps", self.limits.steering_rate_radps, std::f64::consts::TAU),
+            _ => ("speed_mps", self.limits.speed_mps, self.geometry.wheel_circumference_m()),
+        };
+        let rpm_per_unit = 60.0 * gear.abs() / per_turn;
+        if limit * rpm_per_unit > most {
+            // Rounded so that either of both is good.
+            let (rpm, reachable) = ((limit * rpm_per_unit).ceil(), (most / rpm_per_unit * 1e3).floor() / 1e3);
+            let expected = format!("at least {rpm}, by limits.{key} and gear; or a {key} of at most {reachable}");
+            table.refuse("motor_rpm_max", expected);
         }
     }
 

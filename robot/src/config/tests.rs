@@ -504,10 +504,27 @@ fn a_drive_s_keys_are_those_of_its_driver() {
         &[
             "robot.toml:24: can.main.nodes[0].gear: missing, expected a number from -1000 to 1000",
             "robot.toml:24: can.main.nodes[0].switch_rad: unknown key, expected one of id, axis, writable, eds, \
-             driver, gear",
+             motor_rpm_max, driver, gear",
         ],
     );
     refused("gear = 26", "gear = 0", &["robot.toml:24: can.main.nodes[0].gear = 0: expected a number that is not 0"]);
+}
+
+#[test]
+fn limits_that_a_motor_cannot_reach_with_its_gear_are_refused() {
+    let expected = "robot.toml:24: can.main.nodes[0].motor_rpm_max = 2900: expected at least 2980, by limits.speed_mps \
+                    and gear; or a speed_mps of at most 1.168";
+    refused("gear = 26", "gear = -26, motor_rpm_max = 2900", &[expected]);
+    let of_steering = "robot.toml:25: can.main.nodes[1].motor_rpm_max = 1000: expected at least 1204, by \
+                       limits.steering_rate_radps and gear; or a steering_rate_radps of at most 0.581";
+    refused("gear = 180", "gear = 180, motor_rpm_max = 1000", &[of_steering]);
+    assert!(load(&ROBOT.replacen("gear = 26", "gear = 26, motor_rpm_max = 3000", 1), "", &[], MODULES).is_ok());
+    let by_sheet = "driver = \"cia402\", eds = \"wheel.eds\", motor_rpm_max = 4000, axis = \"propulsion\"";
+    refused(
+        "driver = \"epos\", axis = \"propulsion\", gear = 26",
+        by_sheet,
+        &["robot.toml:24: can.main.nodes[0].gear: missing, expected the gear of a motor with motor_rpm_max"],
+    );
 }
 
 #[test]

@@ -54,6 +54,9 @@ settings! {
         /// Electronic data sheet, beside `robot.toml`: `cia402` drives by it; it must agree with another driver,
         /// and names objects in `advee can`. Absent: the sheet that is built in.
         eds: Option<PathBuf> = None, Blank;
+        /// Greatest speed of the motor that motor and gear can bear. Limits of the robot that demand more with this gear
+        /// are refused. Absent: not checked.
+        motor_rpm_max: Option<f64> = optional, 1.0..=1e6;
         /// The sheet of a drive that is driven by it.
         sheet: Option<Arc<Eds>> = unset None;
         drive: Drive = flat;
@@ -710,6 +713,18 @@ impl Node {
 }
 
 impl Drive {
+    /// Motor turns per turn of what it moves; absent: its data sheet states them.
+    #[must_use]
+    pub fn gear(&self) -> Option<f64> {
+        match self {
+            Self::Epos(keys) => Some(keys.gear),
+            Self::Icla(keys) => Some(keys.gear),
+            Self::Cia402(keys) => keys.gear,
+            Self::Odrive(keys) => Some(keys.gear),
+            Self::Vesc(keys) => Some(keys.motor.gear),
+        }
+    }
+
     /// The keys of a drive that is driven by its data sheet.
     #[must_use]
     pub fn by_sheet(&self) -> Option<&Cia402Config> {
