@@ -21,6 +21,7 @@ fn device(name: &str, model: Model) -> Device {
         view: None,
         range_max: Some(6.0),
         no_echo: NoEcho::Unknown,
+        mode: None,
         dialect: Dialect::Binary,
     };
     let (bus, baud) = (format!("lidar.{name}"), Some(model.usual_baud()));
@@ -137,6 +138,24 @@ fn every_protocol_is_published_in_sectors_with_their_place_and_instant() {
         let measured = own.iter().flat_map(|(_, scan)| &scan.ranges).filter(|range| range.is_finite()).count();
         assert!(measured * 10 > beams * 7, "{}: {measured} of {beams}", device.name);
     }
+}
+
+#[test]
+fn an_rplidar_is_asked_for_the_mode_that_is_configured() {
+    let beams = |mode| {
+        let mut device = device("rplidar", Model::Rplidar(rplidar::Model::A1));
+        device.keys.mode = mode;
+        let emulated: Box<dyn Emulated> = Box::new(rplidar::emulated::Device::new(rplidar::Model::A1));
+        let mut rig = Rig::new(vec![(device, emulated)]);
+        rig.run(4000);
+        rig.scans();
+        rig.run(1000);
+        rig.scans().iter().map(|(_, scan)| scan.ranges.len()).sum::<usize>()
+    };
+    let [usual, express, standard] = [None, Some(rplidar::Mode::Express), Some(rplidar::Mode::Standard)].map(beams);
+    assert_eq!(usual, express);
+    // 508 µs for a sample in place of 254 µs.
+    assert!(standard > 1000 && standard * 3 < express * 2, "{standard} and {express} beams/s");
 }
 
 #[test]
