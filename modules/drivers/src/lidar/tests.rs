@@ -285,6 +285,22 @@ fn a_lidar_that_is_covered_from_the_start_on_frees_nothing_and_is_reported() {
 }
 
 #[test]
+fn a_lidar_that_is_cut_off_is_lost_and_not_taken_for_covered() {
+    let mut rig = nothing_is_free();
+    rig.run(4000);
+    // At any time of the windows in which the engine counts.
+    for n in 0..10 {
+        rig.scans();
+        rig.emulated[0].faults().cut = true;
+        rig.run(700);
+        assert!(rig.reports(Fault::LidarLost).iter().any(|(_, raised)| *raised), "{n}");
+        assert!(rig.reports(Fault::LidarBlocked).is_empty(), "{n}");
+        rig.emulated[0].faults().cut = false;
+        rig.run(2050);
+    }
+}
+
+#[test]
 fn a_line_that_is_down_sends_nothing_and_counts_as_lost() {
     let mut rig = Rig::new(devices().into_iter().take(1).collect());
     rig.run(3000);
