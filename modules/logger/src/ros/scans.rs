@@ -1,5 +1,6 @@
 //! `LL_DATA_SCAN` as `sensor_msgs/LaserScan`: the sectors of a revolution, put together in the order in which they were
-//! measured. A lidar that turns clockwise has a negative `angle_increment`.
+//! measured. A lidar that turns clockwise has a negative `angle_increment`. What a lidar with a fault did not receive is
+//! not measured there (NaN): `LaserScan` has no status, and to its readers `+inf` is free.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -123,9 +124,10 @@ impl Turn {
             let ahead = (scan.angle_min + k as f64 * scan.angle_step - self.angle_min) * self.angle_step.signum();
             let place = (ahead.rem_euclid(TAU) / self.angle_step.abs()).round() as usize % count;
             self.used = self.used.max(place + 1);
+            let range = if *range == f32::INFINITY && scan.status != DataScan::OK { f32::NAN } else { *range };
             // The nearer of two.
-            if self.ranges[place].is_nan() || *range < self.ranges[place] {
-                self.ranges[place] = *range;
+            if self.ranges[place].is_nan() || range < self.ranges[place] {
+                self.ranges[place] = range;
                 if let (Some(to), Some(from)) = (self.intensities.get_mut(place), scan.intensities.get(k)) {
                     *to = *from;
                 }

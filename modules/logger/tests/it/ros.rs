@@ -415,6 +415,27 @@ fn a_revolution_of_a_lidar_is_one_scan_in_the_order_in_which_it_was_measured() {
 }
 
 #[test]
+fn a_lidar_with_a_fault_shows_nothing_as_free() {
+    use lowlevel::DataScan;
+    for status in [DataScan::OK, DataScan::BLOCKED, DataScan::SLOW, DataScan::FAULT] {
+        let mut translator = translator();
+        let revolution = |revolution: i64| DataScan {
+            timestamp: NOW + 100_000 * revolution,
+            name: "top".into(),
+            revolution,
+            status,
+            angle_step: std::f64::consts::TAU / 4.0,
+            ranges: vec![f32::INFINITY, 2.0, f32::NEG_INFINITY, f32::NAN],
+            ..Default::default()
+        };
+        told(&mut translator, revolution(1));
+        let scan = told(&mut translator, revolution(2)).remove("/scan/top").unwrap();
+        let nothing = if status == DataScan::OK { "inf" } else { "nan" };
+        assert_eq!(scan["ranges"], json!([nothing, 2.0, "-inf", "nan"]));
+    }
+}
+
+#[test]
 fn an_inertial_unit_that_works_is_an_imu_in_the_robot_s_frame() {
     let mut translator = translator();
     let measured = lowlevel::DataImu {
