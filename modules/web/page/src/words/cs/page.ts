@@ -407,7 +407,7 @@ export const TEXTS = {
   plan: "plánovaná cesta",
   "sensed obstacles": "zjištěné překážky",
   "guard: protective field stops, dashed one slows; hatched: occupied": "hlídač: ochranné pole zastaví, čárkované zpomalí; šrafované: obsazeno",
-  "lidar; pale: it reports a fault, or is silent": "lidar; světlé: hlásí závadu nebo mlčí",
+  "lidar, no safety device; pale: it reports a fault, or is silent": "lidar, není bezpečnostní zařízení; světlé: hlásí závadu nebo mlčí",
   "sonar; dotted: nothing within range, dashed: not known": "sonar; tečkovaně: v dosahu nic, čárkovaně: není známo",
   "▽ no floor seen by infrared; open: not known": "▽ infračervený snímač nevidí podlahu; prázdné: není známo",
   "beacons; filled: used or seen, crossed: refused, dashed: left out": "majáky; plné: použité nebo viděné, přeškrtnuté: odmítnuté, čárkované: vyřazené",
