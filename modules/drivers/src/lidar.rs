@@ -245,7 +245,7 @@ impl Scanner {
         } else if blocked {
             report(&self.device, LidarFault::Blocked, true, out);
         } else {
-            out.clear(Fault::LidarBlocked, bus, format!("lidar {name}: its optics are free again"));
+            out.clear(Fault::LidarBlocked, bus, format!("lidar {name}: no longer reported as blocked"));
         }
     }
 
