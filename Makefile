@@ -3,13 +3,15 @@
 
 # `make run PROFILE=quick`: builds in a fraction of the time, for use between two edits.
 PROFILE = release
+# `make run ROBOT=courier`: another robot of conf/.
+ROBOT = advee
 ADVEE = target/$(PROFILE)/advee
 PAGE = modules/web/page
 
 .PHONY: run build web web-test e2e screenshots test test-fast fuzz bad-input lint lint-code lint-docs lab lab-short lab-test deb reproducible arm bench generate docs clean
 
 run: build
-	$(ADVEE) up --sim
+	$(ADVEE) up --sim --config conf/$(ROBOT)
 
 build: web
 	@tools/require cc

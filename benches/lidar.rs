@@ -98,6 +98,7 @@ impl Kind {
             view: None,
             range_max: None,
             no_echo: NoEcho::Unknown,
+            mode: None,
             dialect: Dialect::Binary,
         };
         let baud = matches!(self.model, Model::Ld(_) | Model::Rplidar(_)).then(|| self.model.usual_baud());

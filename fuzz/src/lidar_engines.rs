@@ -185,29 +185,36 @@ pub fn lidar_engines(data: &[u8]) {
         4 => probe(steps, Kind::Cola(sick::Dialect::Text), telegram),
         _ => probe(steps, Kind::Scip, lines),
     }
+    // Model and mode.
+    let other = usize::from(kind / 6);
     match kind % 6 {
         0 => {
-            let config = ld::Config { model: ld::Model::Ld19, no_echo: ld::NoEcho::Unknown };
-            run(steps, ld::LdLidar::new(config), || ld::emulated::Device::new(ld::Model::Ld19), packet);
+            let model = [ld::Model::Ld19, ld::Model::Ld06, ld::Model::Stl19p][other % 3];
+            let no_echo = [ld::NoEcho::Unknown, ld::NoEcho::Nothing][other % 2];
+            let config = ld::Config { model, no_echo };
+            run(steps, ld::LdLidar::new(config), || ld::emulated::Device::new(model), packet);
         }
         1 | 2 => {
+            use rplidar::{Mode, Model};
             let (model, mode) = match kind % 6 {
-                1 => (rplidar::Model::A2, rplidar::Mode::Express),
-                _ => (rplidar::Model::A1, rplidar::Mode::Standard),
+                1 => [(Model::A2, Mode::Express), (Model::A3, Mode::Ultra), (Model::C1, Mode::Dense)][other % 3],
+                _ => [(Model::A1, Mode::Standard), (Model::A1, Mode::Ultra), (Model::S2, Mode::Dense)][other % 3],
             };
             let config = rplidar::Config { mode, ..rplidar::Config::new(model) };
             run(steps, rplidar::Rplidar::new(config), || rplidar::emulated::Device::new(model), capsule);
         }
         3 | 4 => {
             let dialect = if kind % 6 == 3 { sick::Dialect::Binary } else { sick::Dialect::Text };
-            let usual = sick::Config::new(sick::Family::Tim5xx, dialect);
+            let family = [sick::Family::Tim5xx, sick::Family::Lms1xx, sick::Family::Tim7xx][other % 3];
+            let usual = sick::Config::new(family, dialect);
             let config = sick::Config { fields: true, outputs: true, ..usual };
-            let new = || sick::emulated::Device::new(sick::Family::Tim5xx, dialect);
-            run(steps, sick::Sick::new(config), new, telegram);
+            run(steps, sick::Sick::new(config), || sick::emulated::Device::new(family, dialect), telegram);
         }
         _ => {
-            let new = || hokuyo::emulated::Device::new(hokuyo::emulated::Model::URG_04LX);
-            run(steps, hokuyo::Hokuyo::new(hokuyo::Config::new("URG-04LX")), new, lines);
+            use hokuyo::emulated::Model;
+            let (name, model) = [("URG-04LX", Model::URG_04LX), ("UTM-30LX", Model::UTM_30LX)][other % 2];
+            let new = || hokuyo::emulated::Device::new(model);
+            run(steps, hokuyo::Hokuyo::new(hokuyo::Config::new(name)), new, lines);
         }
     }
 }

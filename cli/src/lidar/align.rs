@@ -233,6 +233,7 @@ fn wait_still(tool: &mut Tool, session: &mut Session, command: &Align, begin: In
     let Align { name, json, .. } = command;
     let end = begin + command.time.min(Duration::from_secs(30));
     let mut next = clock::now() + Duration::from_millis(500);
+    let mut has_velocity = false;
     loop {
         match tool.hear(next)? {
             Heard::Message(message) => {
@@ -243,6 +244,7 @@ fn wait_still(tool: &mut Tool, session: &mut Session, command: &Align, begin: In
             Heard::Nothing => next = clock::now() + Duration::from_millis(500),
         }
         let now = clock::now();
+        has_velocity |= !session.recording.velocities.is_empty();
         if session.moved {
             // It has not stood yet: from the next stand on.
             let configured = session.configured;
@@ -253,7 +255,7 @@ fn wait_still(tool: &mut Tool, session: &mut Session, command: &Align, begin: In
                 format!("no LL_DATA_SCAN of {name} is heard; is advee up, and [lidar.{name}] configured?").into()
             );
         }
-        if now >= begin + HEARD && session.recording.velocities.is_empty() {
+        if now >= begin + HEARD && !has_velocity {
             return Err("no LL_DATA_VELOCITY is heard; is advee up, and are its drives connected?".into());
         }
         let stood = session.stands.is_some_and(|since| session.now() - since >= 1.5 * STILL_S);

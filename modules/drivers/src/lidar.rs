@@ -62,6 +62,8 @@ struct Scanner {
     told_slow: bool,
     /// Last echo in the view that is used; `None`: none since the lidar measures.
     echo: Option<Instant>,
+    /// When the last sector came.
+    scanned: Instant,
     /// Its optics are blocked, as it says itself; that, or that it receives nothing, has been reported.
     blocked: bool,
     told_blocked: bool,
@@ -121,6 +123,7 @@ impl Scanner {
             slow: false,
             told_slow: false,
             echo: None,
+            scanned: Instant::ZERO,
             blocked: false,
             told_blocked: false,
             stop,
@@ -160,10 +163,11 @@ impl Scanner {
             let words: Vec<Word> = request.iter().copied().map(Word::data).collect();
             out.send_words(self.port, &words);
         }
-        let Self { device, engine, measures, identity, spins_until, slow, echo, blocked, .. } = self;
+        let Self { device, engine, measures, identity, spins_until, slow, echo, scanned, blocked, .. } = self;
         while let Some(event) = engine.poll_event() {
             match event {
                 LidarEvent::Sector(sector) => {
+                    *scanned = now;
                     let mut scan = message(device, sector, out.timestamp(sector.at));
                     if scan.ranges.iter().any(|range| *range < f32::INFINITY) {
                         *echo = Some(now);
@@ -223,23 +227,25 @@ impl Scanner {
         }
     }
 
-    /// Reports optics that are blocked: the device says so, or it receives nothing. Before its first echo it has time
-    /// to spin up.
+    /// Reports optics that are blocked: the device says so, or its sectors have no echo. Before its first echo it has
+    /// time to spin up.
     fn report_blocked(&mut self, now: Instant, out: &mut Actions) {
         let is_due = self.echo.is_some() || self.spins_until <= now;
-        let covered = self.measures == Some(true) && is_due && is_covered(now, &self.device, self.echo);
+        let covered = self.measures == Some(true) && is_due && is_covered(self.scanned, &self.device, self.echo);
         let blocked = self.blocked || covered;
         if self.told_blocked == blocked {
             return;
         }
         self.told_blocked = blocked;
+        let (bus, name) = (self.device.bus.as_str(), &self.device.name);
         if covered && !self.blocked {
-            let (bus, name) = (self.device.bus.as_str(), &self.device.name);
             let why = "receives nothing in any direction: covered, or nothing is within its range";
             let message = format!("lidar {name} {why}; what it looks at is unknown");
             out.raise(Severity::Error, Fault::LidarBlocked, bus, message);
+        } else if blocked {
+            report(&self.device, LidarFault::Blocked, true, out);
         } else {
-            report(&self.device, LidarFault::Blocked, blocked, out);
+            out.clear(Fault::LidarBlocked, bus, format!("lidar {name}: no longer reported as blocked"));
         }
     }
 

@@ -278,10 +278,8 @@ impl Device {
         let elapsed = elapsed.as_secs_f64();
         let change = (wanted - self.rate_hz).clamp(-SPIN_UP_HZ_PER_S * elapsed, SPIN_UP_HZ_PER_S * elapsed);
         self.rate_hz += change;
-        self.angle += TAU * self.rate_hz * elapsed;
-        if self.angle >= TAU {
-            self.angle -= TAU;
-        }
+        // Many turns at the first call: the clock may have begun long before.
+        self.angle = (self.angle + TAU * self.rate_hz * elapsed) % TAU;
     }
 }
 

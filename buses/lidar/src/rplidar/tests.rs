@@ -5,7 +5,7 @@ use crate::bench::{Bench, Cause, LINE, Seen, ms};
 use crate::emulated::Device as _;
 use crate::event::{Fault, Health, LostReason, State};
 use crate::scan::{Sector, Status};
-use base::Duration;
+use base::{Duration, Instant};
 use core::f64::consts::TAU;
 use std::vec::Vec;
 use testing::Random;
@@ -146,6 +146,19 @@ fn a_dense_capsule_is_taken_when_it_arrives_and_by_the_next_one_while_the_speed_
             }
             assert!(bench.sectors.len() > 15, "{model}: {}", bench.sectors.len());
         }
+    }
+}
+
+#[test]
+fn an_emulated_device_turns_however_long_ago_the_clock_began() {
+    for (model, mode) in ALL {
+        let mut bench = bench(model, mode);
+        // Eleven days.
+        bench.now = Instant::from_millis(1_000_000_000);
+        bench.run();
+        bench.pass(ms(500));
+        assert!(bench.sectors.len() > 30, "{model} {mode}: {}", bench.sectors.len());
+        assert!(bench.sectors.iter().all(|sector| sector.status == Status::Ok), "{model} {mode}");
     }
 }
 

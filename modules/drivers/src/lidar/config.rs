@@ -44,6 +44,13 @@ pub const MODELS: Choice<Model> = Choice(&[
 
 const NO_ECHO: Choice<NoEcho> = Choice(&[("unknown", NoEcho::Unknown), ("nothing", NoEcho::Nothing)]);
 
+const MODES: Choice<rplidar::Mode> = Choice(&[
+    ("standard", rplidar::Mode::Standard),
+    ("express", rplidar::Mode::Express),
+    ("ultra", rplidar::Mode::Ultra),
+    ("dense", rplidar::Mode::Dense),
+]);
+
 const DIALECTS: Choice<Dialect> = Choice(&[("cola-a", Dialect::Text), ("cola-b", Dialect::Binary)]);
 
 settings! {
@@ -69,6 +76,9 @@ settings! {
         /// LDROBOT, SLAMTEC, SICK: what a range of 0 means: `"unknown"`, or `"nothing"` was received, for a device and
         /// a place where near and dark things were shown not to read 0.
         no_echo: NoEcho = NoEcho::Unknown, NO_ECHO;
+        /// SLAMTEC: what is asked for, single samples or capsules. Absent: `"express"` of an A1 and A2, `"ultra"` of an
+        /// A3, `"dense"` of a C1 and S2.
+        mode: Option<rplidar::Mode> = optional, MODES;
         /// SICK: protocol, as set in the device.
         dialect: Dialect = Dialect::Binary, DIALECTS;
     }
@@ -229,10 +239,13 @@ impl<P: Protocol + fmt::Debug> Engine for Lidar<P> {
 
 /// The engine of a device.
 pub(super) fn engine(device: &Device) -> Box<dyn Engine> {
-    let LidarKeys { model, no_echo, dialect, .. } = device.keys;
+    let LidarKeys { model, no_echo, mode, dialect, .. } = device.keys;
     match model {
         Model::Ld(model) => Box::new(LdLidar::new(ld::Config { model, no_echo })),
-        Model::Rplidar(model) => Box::new(Rplidar::new(rplidar::Config { no_echo, ..rplidar::Config::new(model) })),
+        Model::Rplidar(model) => {
+            let usual = rplidar::Config::new(model);
+            Box::new(Rplidar::new(rplidar::Config { mode: mode.unwrap_or(usual.mode), no_echo, ..usual }))
+        }
         Model::Sick(family) => {
             let StopKeys { stop_fields, stop_outputs, .. } = &device.stop;
             let (fields, outputs) = (!stop_fields.is_empty(), !stop_outputs.is_empty());

@@ -21,6 +21,7 @@ fn device(name: &str, model: Model) -> Device {
         view: None,
         range_max: Some(6.0),
         no_echo: NoEcho::Unknown,
+        mode: None,
         dialect: Dialect::Binary,
     };
     let (bus, baud) = (format!("lidar.{name}"), Some(model.usual_baud()));
@@ -137,6 +138,24 @@ fn every_protocol_is_published_in_sectors_with_their_place_and_instant() {
         let measured = own.iter().flat_map(|(_, scan)| &scan.ranges).filter(|range| range.is_finite()).count();
         assert!(measured * 10 > beams * 7, "{}: {measured} of {beams}", device.name);
     }
+}
+
+#[test]
+fn an_rplidar_is_asked_for_the_mode_that_is_configured() {
+    let beams = |mode| {
+        let mut device = device("rplidar", Model::Rplidar(rplidar::Model::A1));
+        device.keys.mode = mode;
+        let emulated: Box<dyn Emulated> = Box::new(rplidar::emulated::Device::new(rplidar::Model::A1));
+        let mut rig = Rig::new(vec![(device, emulated)]);
+        rig.run(4000);
+        rig.scans();
+        rig.run(1000);
+        rig.scans().iter().map(|(_, scan)| scan.ranges.len()).sum::<usize>()
+    };
+    let [usual, express, standard] = [None, Some(rplidar::Mode::Express), Some(rplidar::Mode::Standard)].map(beams);
+    assert_eq!(usual, express);
+    // 508 µs for a sample in place of 254 µs.
+    assert!(standard > 1000 && standard * 3 < express * 2, "{standard} and {express} beams/s");
 }
 
 #[test]
@@ -263,6 +282,22 @@ fn a_lidar_that_is_covered_from_the_start_on_frees_nothing_and_is_reported() {
     assert_eq!(rig.reports(Fault::LidarBlocked).len(), 1);
     let scans = rig.scans();
     assert!(scans.len() > 100 && scans.iter().all(|(_, scan)| scan.status != DataScan::OK), "{}", scans.len());
+}
+
+#[test]
+fn a_lidar_that_is_cut_off_is_lost_and_not_taken_for_covered() {
+    let mut rig = nothing_is_free();
+    rig.run(4000);
+    // At any time of the windows in which the engine counts.
+    for n in 0..10 {
+        rig.scans();
+        rig.emulated[0].faults().cut = true;
+        rig.run(700);
+        assert!(rig.reports(Fault::LidarLost).iter().any(|(_, raised)| *raised), "{n}");
+        assert!(rig.reports(Fault::LidarBlocked).is_empty(), "{n}");
+        rig.emulated[0].faults().cut = false;
+        rig.run(2050);
+    }
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! `LL_DATA_SCAN` as `sensor_msgs/LaserScan`: the sectors of a revolution, put together in the order in which they were
-//! measured. A lidar that turns clockwise has a negative `angle_increment`.
+//! measured. A lidar that turns clockwise has a negative `angle_increment`. What a lidar with a fault did not receive is
+//! not measured there (NaN): `LaserScan` has no status, and to its readers `+inf` is free.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -15,6 +16,8 @@ const LIDARS_MAX: usize = 64;
 const NAME_BYTES_MAX: usize = 64;
 /// Beams of a revolution at most: more than any lidar has.
 const BEAMS_MAX: f64 = 16_384.0;
+/// Share of the beams of a revolution by which two in succession differ that have the same directions.
+const EVEN: f64 = 0.02;
 /// Period at which the mounting is repeated: µs.
 const MOUNTING_PERIOD_US: u64 = 1_000_000;
 
@@ -26,10 +29,22 @@ pub struct Scans(BTreeMap<String, Lidar>);
 struct Lidar {
     topic: String,
     frame: String,
+    /// Directions of the last revolution.
+    grid: Option<Grid>,
     /// The present revolution.
     turn: Option<Turn>,
     /// Timestamp of the last mounting.
     shown: Option<i64>,
+}
+
+/// Directions of the beams of a revolution: as long as the motor turns evenly, those of the revolution before, since
+/// readers expect as many beams of each as of the first one. A beam goes to the nearest direction.
+#[derive(Clone, Copy, Debug)]
+struct Grid {
+    angle_min: f64,
+    angle_step: f64,
+    /// Beams of a whole turn.
+    count: usize,
 }
 
 /// A revolution, as far as it has arrived.
@@ -37,8 +52,7 @@ struct Lidar {
 struct Turn {
     number: i64,
     timestamp: i64,
-    angle_min: f64,
-    angle_step: f64,
+    grid: Grid,
     beam_time: f64,
     limits: [f32; 2],
     ranges: Vec<f32>,
@@ -56,14 +70,15 @@ impl Scans {
                 return to.topics.leave_out();
             }
             let (topic, frame) = (format!("/scan/{}", word(&scan.name)), lidar_frame(&scan.name));
-            self.0.insert(scan.name.clone(), Lidar { topic, frame, turn: None, shown: None });
+            self.0.insert(scan.name.clone(), Lidar { topic, frame, grid: None, turn: None, shown: None });
         }
         let Some(lidar) = self.0.get_mut(&scan.name) else { return };
         if lidar.turn.as_ref().is_none_or(|turn| turn.number != scan.revolution) {
             if let Some(whole) = lidar.turn.take() {
                 whole.send(lidar, scan.timestamp, to);
             }
-            lidar.turn = Turn::new(scan);
+            lidar.grid = Grid::of(scan).map(|grid| grid.or(lidar.grid));
+            lidar.turn = lidar.grid.map(|grid| Turn::new(scan, grid));
             lidar.show(scan, to);
         }
         if let Some(turn) = &mut lidar.turn {
@@ -95,23 +110,46 @@ impl Lidar {
     }
 }
 
-impl Turn {
-    /// The revolution that a sector begins; `None` if its angles are none.
-    fn new(scan: &DataScan) -> Option<Self> {
-        let &DataScan { timestamp, angle_min, angle_step, beam_time, .. } = scan;
+impl Grid {
+    /// Directions of the revolution that a sector begins; `None` if its angles are none.
+    fn of(scan: &DataScan) -> Option<Self> {
+        let &DataScan { angle_min, angle_step, .. } = scan;
         let count = TAU / angle_step.abs();
         let is_one = angle_min.is_finite() && (1.0..=BEAMS_MAX).contains(&count);
-        is_one.then(|| Self {
+        is_one.then(|| Self { angle_min, angle_step, count: count.round() as usize })
+    }
+
+    /// The directions before, if these are about the same.
+    fn or(self, before: Option<Self>) -> Self {
+        let same = |before: &Self| {
+            let shift = (self.angle_min - before.angle_min).rem_euclid(TAU);
+            self.angle_step.signum() == before.angle_step.signum()
+                && self.count.abs_diff(before.count) as f64 <= EVEN * before.count as f64
+                && shift.min(TAU - shift) <= 1.5 * before.angle_step.abs()
+        };
+        before.filter(same).unwrap_or(self)
+    }
+
+    /// Place of a direction.
+    fn place(&self, angle: f64) -> usize {
+        let ahead = (angle - self.angle_min) * self.angle_step.signum();
+        (ahead.rem_euclid(TAU) / self.angle_step.abs()).round() as usize % self.count
+    }
+}
+
+impl Turn {
+    /// The revolution that a sector begins.
+    fn new(scan: &DataScan, grid: Grid) -> Self {
+        Self {
             number: scan.revolution,
-            timestamp,
-            angle_min,
-            angle_step,
-            beam_time,
+            timestamp: scan.timestamp,
+            grid,
+            beam_time: scan.beam_time,
             limits: [scan.range_min, scan.range_max],
-            ranges: vec![f32::NAN; count.round() as usize],
+            ranges: vec![f32::NAN; grid.count],
             intensities: Vec::new(),
             used: 0,
-        })
+        }
     }
 
     fn add(&mut self, scan: &DataScan) {
@@ -120,12 +158,12 @@ impl Turn {
             self.intensities.resize(count, 0.0);
         }
         for (k, range) in scan.ranges.iter().enumerate().take(count) {
-            let ahead = (scan.angle_min + k as f64 * scan.angle_step - self.angle_min) * self.angle_step.signum();
-            let place = (ahead.rem_euclid(TAU) / self.angle_step.abs()).round() as usize % count;
+            let place = self.grid.place(scan.angle_min + k as f64 * scan.angle_step);
             self.used = self.used.max(place + 1);
+            let range = if *range == f32::INFINITY && scan.status != DataScan::OK { f32::NAN } else { *range };
             // The nearer of two.
-            if self.ranges[place].is_nan() || *range < self.ranges[place] {
-                self.ranges[place] = *range;
+            if self.ranges[place].is_nan() || range < self.ranges[place] {
+                self.ranges[place] = range;
                 if let (Some(to), Some(from)) = (self.intensities.get_mut(place), scan.intensities.get(k)) {
                     *to = *from;
                 }
@@ -134,12 +172,15 @@ impl Turn {
     }
 
     fn send(&self, lidar: &Lidar, next: i64, to: &mut To<'_, '_>) {
-        let used = self.used.max(1);
-        let angle_max = self.angle_min + (used - 1) as f64 * self.angle_step;
+        let Grid { angle_min, angle_step, count } = self.grid;
+        // A revolution that lacks a beam or two has them, too: not measured.
+        let is_whole = self.used as f64 >= (1.0 - EVEN) * count as f64;
+        let used = if is_whole { count } else { self.used.max(1) };
+        let angle_max = angle_min + (used - 1) as f64 * angle_step;
         let scan_time = next.saturating_sub(self.timestamp) as f64 / 1e6;
         to.send(&lidar.topic, Standard::LaserScan, |fields| {
             fields.header(self.timestamp, &lidar.frame);
-            for number in [self.angle_min, angle_max, self.angle_step, self.beam_time, scan_time] {
+            for number in [angle_min, angle_max, angle_step, self.beam_time, scan_time] {
                 fields.to.f32(number as f32);
             }
             self.limits.into_iter().for_each(|limit| fields.to.f32(limit));

@@ -415,6 +415,57 @@ fn a_revolution_of_a_lidar_is_one_scan_in_the_order_in_which_it_was_measured() {
 }
 
 #[test]
+fn revolutions_with_a_beam_more_or_less_have_the_same_directions() {
+    let mut translator = translator();
+    let revolution = |revolution: i64, beams: usize, angle_min: f64| lowlevel::DataScan {
+        timestamp: NOW + 100_000 * revolution,
+        name: "top".into(),
+        revolution,
+        angle_min,
+        angle_step: -std::f64::consts::TAU / beams as f64,
+        ranges: vec![1.0; beams],
+        ..Default::default()
+    };
+    told(&mut translator, revolution(1, 100, 0.8));
+    let mut next = |number, beams, angle_min| {
+        told(&mut translator, revolution(number, beams, angle_min)).remove("/scan/top").unwrap()
+    };
+    let scans = [next(2, 99, 0.79), next(3, 101, 0.82), next(4, 100, 0.8)];
+    for scan in &scans {
+        let ranges = scan["ranges"].as_array().unwrap();
+        let missing = ranges.iter().filter(|range| **range != json!(1.0)).count();
+        assert!(ranges.len() == 100 && missing <= 1, "{} beams, {missing} missing", ranges.len());
+        for name in ["angle_min", "angle_max", "angle_increment"] {
+            assert_eq!(scan[name], scans[0][name], "{name}");
+        }
+    }
+    // Those of another speed are others.
+    next(5, 80, 0.8);
+    assert_eq!(next(6, 80, 0.8)["ranges"].as_array().unwrap().len(), 80);
+}
+
+#[test]
+fn a_lidar_with_a_fault_shows_nothing_as_free() {
+    use lowlevel::DataScan;
+    for status in [DataScan::OK, DataScan::BLOCKED, DataScan::SLOW, DataScan::FAULT] {
+        let mut translator = translator();
+        let revolution = |revolution: i64| DataScan {
+            timestamp: NOW + 100_000 * revolution,
+            name: "top".into(),
+            revolution,
+            status,
+            angle_step: std::f64::consts::TAU / 4.0,
+            ranges: vec![f32::INFINITY, 2.0, f32::NEG_INFINITY, f32::NAN],
+            ..Default::default()
+        };
+        told(&mut translator, revolution(1));
+        let scan = told(&mut translator, revolution(2)).remove("/scan/top").unwrap();
+        let nothing = if status == DataScan::OK { "inf" } else { "nan" };
+        assert_eq!(scan["ranges"], json!([nothing, 2.0, "-inf", "nan"]));
+    }
+}
+
+#[test]
 fn an_inertial_unit_that_works_is_an_imu_in_the_robot_s_frame() {
     let mut translator = translator();
     let measured = lowlevel::DataImu {

@@ -185,7 +185,7 @@ function Layers() {
     ["plan", "plan", "plan"],
     ["obstacles", "obstacle", "sensed obstacles"],
     ...(drive.value?.bound ? ([["fields", "protective", "guard: protective field stops, dashed one slows; hatched: occupied"]] as [Layer, string, Plain][]) : []),
-    ...(sensors.value?.scans.length ? ([["scan", "scan", "lidar; pale: it reports a fault, or is silent"]] as [Layer, string, Plain][]) : []),
+    ...(sensors.value?.scans.length ? ([["scan", "scan", "lidar, no safety device; pale: it reports a fault, or is silent"]] as [Layer, string, Plain][]) : []),
     ["sonar", "sonar", "sonar; dotted: nothing within range, dashed: not known"],
     ["floor", "ir", "▽ no floor seen by infrared; open: not known"],
     ["beacons", "beacon", "beacons; filled: used or seen, crossed: refused, dashed: left out"],

@@ -1,6 +1,6 @@
 // What the robot senses of its surroundings and of itself.
 import { SonarPicture } from "./picture";
-import { BeaconCard, GamepadCard, ImuCards, OdometryCard, ScannerCard } from "./own";
+import { BeaconCard, GamepadCard, ImuCards, LidarCards, OdometryCard, ScannerCard } from "./own";
 import { RangerTables } from "./rangers";
 import "../panels.css";
 
@@ -16,6 +16,7 @@ export function Sensors() {
         <GamepadCard />
       </div>
       <div class="stack">
+        <LidarCards />
         <RangerTables />
       </div>
     </div>

@@ -1,6 +1,6 @@
-// Beacons, odometry, inertial measurement units and the gamepad.
+// Lidars, beacons, odometry, inertial measurement units and the gamepad.
 import { deg, num, span } from "../../format";
-import type { DataBeacons } from "../../protocol";
+import type { DataBeacons, Scan } from "../../protocol";
 import { drive, sensors, since, stale } from "../../state";
 import { Age, Badge, Card, type Column, Empty, Facts, Table } from "../../ui";
 import { type Plain, t } from "../../words";
@@ -96,6 +96,52 @@ export function OdometryCard() {
         <Empty>{t("No data yet.")}</Empty>
       )}
     </Card>
+  );
+}
+
+/** `status` of `DataScan`. */
+const LIDAR_STATES: readonly [Plain, "good" | "warn" | "bad"][] = [
+  ["works", "good"],
+  ["covered, or too dirty", "bad"],
+  ["turns too slowly or too fast", "bad"],
+  ["reports a fault", "bad"],
+];
+
+/** The nearest that a lidar measures, from the robot's reference point: m, rad. */
+function nearest({ x, y }: Scan): { distance: number; theta: number } | null {
+  let found: { distance: number; theta: number } | null = null;
+  x.forEach((ahead, k) => {
+    const left = y[k] ?? 0;
+    const distance = Math.hypot(ahead, left);
+    if (!found || distance < found.distance) found = { distance, theta: Math.atan2(left, ahead) };
+  });
+  return found;
+}
+
+/** One for each lidar that was heard. */
+export function LidarCards() {
+  return (
+    <>
+      {sensors.value?.scans.map((shown) => {
+        const value = shown.value;
+        if (!value) return null;
+        const [word, tone] = LIDAR_STATES[value.status] ?? (["reports a fault", "bad"] as const);
+        const near = nearest(value);
+        return (
+          <Card key={value.name} title={t("Lidar {name}", { name: value.name })} aside={<Age shown={shown} />}>
+            <div class={stale(shown) ? "is-stale" : ""}>
+              <Facts
+                facts={[
+                  { name: t("State"), value: <Badge tone={tone}>{t(word)}</Badge> },
+                  { name: t("Nearest, from the reference point"), value: near ? `${num(near.distance, 2, "m")}, ${t(side(near.theta))}` : "–" },
+                ]}
+              />
+            </div>
+            <p class="muted">{t("A lidar is no safety device.")}</p>
+          </Card>
+        );
+      })}
+    </>
   );
 }
 

@@ -1,12 +1,13 @@
 // Proximity, drawn around the robot: its front is at the top.
 import { signal } from "@preact/signals";
 import { num, united, written } from "../../format";
+import type { Scan, Shown } from "../../protocol";
 import { scene, sensors, stale } from "../../state";
 import { Age, Button, Card, Empty } from "../../ui";
 import { t } from "../../words";
 import { beam, front, onPicture, polygon, side } from "./geometry";
 import { floor, GLYPHS, near, type Near } from "./near";
-import { infrareds, type Sounding, sonars } from "./readings";
+import { has, infrareds, type Sounding, sonars } from "./readings";
 
 /** How far is shown, m. */
 const REACHES = [1, 2, 4] as const;
@@ -33,12 +34,21 @@ export function SonarPicture() {
       {shown && robot ? <Picture /> : <Empty>{t("No data yet.")}</Empty>}
       {shown ? (
         <p class="p-legend">
-          <span>
-            {t("sonars")} <Age shown={sonars(shown, 0).shown} />
-          </span>
-          <span>
-            {t("infrared")} <Age shown={infrareds(shown).shown} />
-          </span>
+          {shown.scans.map((scan) => (
+            <span key={scan.value?.name}>
+              {t("lidar {name}", { name: scan.value?.name ?? "" })} <Age shown={scan} />
+            </span>
+          ))}
+          {has(shown, sonars(shown, 0)) ? (
+            <span>
+              {t("sonars")} <Age shown={sonars(shown, 0).shown} />
+            </span>
+          ) : null}
+          {has(shown, infrareds(shown)) ? (
+            <span>
+              {t("infrared")} <Age shown={infrareds(shown).shown} />
+            </span>
+          ) : null}
           <span>
             {t("beacons")} <Age shown={shown.beacons} />
           </span>
@@ -56,6 +66,17 @@ export function SonarPicture() {
   );
 }
 
+/** What the beams of a lidar met within `far` of `middle`, as dots. */
+function dots({ x, y }: Scan, middle: number, far: number): string {
+  const dot = (ahead: number, left: number) => (Math.hypot(ahead - middle, left) < far ? `M${onPicture(ahead, left).join(" ")}h0` : "");
+  return x.map((ahead, k) => dot(ahead, y[k] ?? 0)).join("");
+}
+
+/** Pale while it reports a fault, or is silent, as on the map. */
+function pale(scan: Shown<Scan>): boolean {
+  return stale(scan) || scan.value?.status !== 0;
+}
+
 function Picture() {
   const [robot, shown] = [scene.value, sensors.value];
   if (!robot || !shown) return null;
@@ -71,7 +92,10 @@ function Picture() {
   const heard = sound.rows ?? [];
   const beacons = shown.beacons.value?.beacons ?? [];
   return (
-    <svg class="p-picture" style={{ "--far": far }} viewBox={`${-edge} ${top} ${2 * edge} ${2 * edge}`} role="img" aria-label={summary(heard)}>
+    <svg class="p-picture" style={{ "--far": far }} viewBox={`${-edge} ${top} ${2 * edge} ${2 * edge}`} role="img" aria-label={summary(heard, shown.scans.length)}>
+      {shown.scans.map((scan) =>
+        scan.value ? <path key={scan.value.name} class={pale(scan) ? "p-scan is-stale" : "p-scan"} d={dots(scan.value, middle, far)} /> : null,
+      )}
       <g class={stale(sound.shown) ? "is-stale" : ""}>
         {heard.map((range) => (
           <Beam key={range.id} range={range} far={far} text={text} quiet={robot.sonar.min} />
@@ -177,7 +201,8 @@ function Nose({ outline }: { outline: readonly (readonly [number, number])[] }) 
 }
 
 /** What the picture shows, for who does not see it. */
-function summary(sonars: readonly Sounding[]): string {
+function summary(sonars: readonly Sounding[], lidars: number): string {
+  if (!sonars.length && lidars) return t("Proximity around the robot, by lidars.");
   const heard = sonars.filter((range) => range.distance !== null);
   const unknown = sonars.filter((range) => range.known === "unknown").length;
   const all = sonars.length;

@@ -6,7 +6,7 @@ import { Age, Badge, Card, type Column, Empty, Table, type Tone } from "../../ui
 import { type Plain, t } from "../../words";
 import { side } from "./geometry";
 import { type Floor, floor, near } from "./near";
-import { infrareds, type Sounding, type Soundings, sonars } from "./readings";
+import { has, infrareds, type Sounding, type Soundings, sonars } from "./readings";
 
 const columns = (heard: (range: Sounding) => ComponentChildren): Column<Sounding>[] => [
   { head: t("No."), title: true, by: (range) => range.id, cell: (range) => range.id },
@@ -65,10 +65,11 @@ function Rangers(props: { title: string; soundings: Soundings; status: (range: S
 export function RangerTables() {
   const part = sensors.value;
   if (!part) return null;
+  const [sound, light] = [sonars(part, scene.value?.sonar.field_of_view ?? 0), infrareds(part)];
   return (
     <>
-      <Rangers title={t("Sonars")} soundings={sonars(part, scene.value?.sonar.field_of_view ?? 0)} status={sonar} />
-      <Rangers title={t("Infrared, at the floor")} soundings={infrareds(part)} status={infrared} />
+      {has(part, sound) ? <Rangers title={t("Sonars")} soundings={sound} status={sonar} /> : null}
+      {has(part, light) ? <Rangers title={t("Infrared, at the floor")} soundings={light} status={infrared} /> : null}
     </>
   );
 }

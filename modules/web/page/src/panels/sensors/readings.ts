@@ -70,3 +70,8 @@ export function sonars(part: SensorsPart, beam: number): Soundings {
 export function infrareds(part: SensorsPart): Soundings {
   return of(part, 1, part.infrareds, part.infrareds.value?.irs, 0);
 }
+
+/** True where such rangers were heard; a robot with a lidar may have none, and none is missed. */
+export function has(part: SensorsPart, { rows }: Soundings): boolean {
+  return rows !== undefined || part.scans.length === 0;
+}
