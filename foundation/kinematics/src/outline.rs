@@ -126,16 +126,23 @@ impl Polygon {
     /// Least distance of the polygon from a point, m; 0 within.
     #[must_use]
     pub fn distance(&self, from: Point) -> f64 {
+        from.distance(self.nearest(from))
+    }
+
+    /// Point of the polygon that is nearest to a point: that point itself within.
+    #[must_use]
+    pub fn nearest(&self, from: Point) -> Point {
         if self.outside(from) <= 0.0 {
-            return 0.0;
+            return from;
         }
-        let to_edge = |(a, b): (Point, Point)| {
+        let on_edge = |(a, b): (Point, Point)| {
             let (dx, dy) = (b.x - a.x, b.y - a.y);
             let part = ((from.x - a.x) * dx + (from.y - a.y) * dy) / (dx * dx + dy * dy);
             let part = part.clamp(0.0, 1.0);
-            from.distance(Point { x: a.x + part * dx, y: a.y + part * dy })
+            Point { x: a.x + part * dx, y: a.y + part * dy }
         };
-        self.ends().map(to_edge).fold(f64::INFINITY, f64::min)
+        let nearer = |one: Point, other: Point| if from.distance(other) < from.distance(one) { other } else { one };
+        self.ends().map(on_edge).reduce(nearer).unwrap_or(from)
     }
 
     /// Length of the path along `twist` after which the polygon first touches a point that is outside of it now;

@@ -186,8 +186,13 @@ impl Cone {
             if are_farther(readings.min(MISSES)) && (!is_confirmed() || are_farther(readings)) {
                 continue;
             }
-            let obstacle =
-                |at: &Point| Obstacle { at: *at, source: self.source(), sensed: true, approaches: heard.approaches };
+            let obstacle = |at: &Point| Obstacle {
+                at: *at,
+                source: self.source(),
+                sensed: true,
+                approaches: heard.approaches,
+                moves: false,
+            };
             found.extend(heard.arc.iter().map(obstacle));
         }
     }
@@ -205,7 +210,7 @@ impl Cone {
     /// The whole cone.
     fn cover(&self, here: Pose, reach: f64, found: &mut Vec<Obstacle>) {
         for radius in COVERED_M.into_iter().filter(|radius| *radius < reach).chain([reach]) {
-            let unknown = |at| Obstacle { at, source: self.source(), sensed: false, approaches: true };
+            let unknown = |at| Obstacle { at, source: self.source(), sensed: false, approaches: true, moves: false };
             found.extend(self.arc(here, radius).map(unknown));
         }
     }

@@ -133,6 +133,9 @@ pub struct Obstacle {
     /// It approaches by itself, or nothing is known of it: a law that allows for people who walk towards the robot
     /// counts it.
     pub approaches: bool,
+    /// It is where nothing was 0.25 s before: a lidar saw through its place then. What came there may be the leg of
+    /// somebody who walks.
+    pub moves: bool,
 }
 
 /// Part of a sensor's view of which nothing is known now, as a line along its middle from the robot on, as far as the

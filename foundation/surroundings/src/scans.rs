@@ -49,6 +49,8 @@ const BASELINE: Duration = Duration::from_millis(250);
 /// Speed, m/s, and distance, m, by which it must: lower values are noise, higher ones are two different things.
 const APPROACH_MPS: std::ops::Range<f64> = 0.3..3.2;
 const APPROACH_M: f64 = 0.08;
+/// What is nearer to the end of the reach than this may have come into it by the robot's own motion, m.
+const INTO_REACH_M: f64 = 0.8;
 /// Age beyond which the timestamp of a sector is taken for that of another clock.
 const AGE_MAX: Duration = Duration::from_millis(300);
 /// Steps in which the outline is looked for, m.
@@ -67,6 +69,8 @@ struct Hit {
     turns: u32,
     /// It came nearer by itself.
     approaches: bool,
+    /// It came to a place that was free.
+    moves: bool,
     /// The part of the view in which it was.
     slice: usize,
 }
@@ -163,10 +167,19 @@ impl Scans {
             let sensed = counted.filter(|(_, hit)| hit.turns >= evaluations);
             let sensed = sensed.filter(|(back, hit)| *back <= TURNS_COUNTED || self.is_kept(now, eye, *back, hit));
             let sensed = sensed.map(|(_, hit)| hit);
-            found.extend(sensed.map(|hit| Obstacle { at: hit.at, source, sensed: true, approaches: hit.approaches }));
+            found.extend(sensed.map(|hit| {
+                let Hit { at, approaches, moves, .. } = *hit;
+                Obstacle { at, source, sensed: true, approaches, moves }
+            }));
             let unknown = eye.slices.iter().filter(|slice| !slice.is_known(now, &self.rules));
             let covered = unknown.flat_map(|slice| &slice.cover);
-            found.extend(covered.map(|at| Obstacle { at: to_trail(*at), source, sensed: false, approaches: true }));
+            found.extend(covered.map(|at| Obstacle {
+                at: to_trail(*at),
+                source,
+                sensed: false,
+                approaches: true,
+                moves: false,
+            }));
         }
     }
 
@@ -245,11 +258,13 @@ impl Eye {
         for Met { at: point, bin, distance, follows, lone, slice } in met {
             let found = before.turns(bin, distance, if lone { SAME_M } else { same });
             let closing = old.nearest(bin) - distance;
-            let comes_nearer = closing > APPROACH_M && APPROACH_MPS.contains(&(closing / baseline));
+            let comes_nearer = closing > APPROACH_M && closing / baseline > APPROACH_MPS.start;
             // Noise seldom brings two beams nearer, one beside the other.
-            let approaches = comes_nearer && nears && follows;
+            let changed = comes_nearer && nears && follows;
+            let moves = changed && distance < rules.reach - INTO_REACH_M;
+            let approaches = changed && APPROACH_MPS.contains(&(closing / baseline));
             nears = comes_nearer;
-            let hit = Hit { at: point, when: at, turns: rules.evaluations.min(found + 1), approaches, slice };
+            let hit = Hit { at: point, when: at, turns: rules.evaluations.min(found + 1), approaches, moves, slice };
             if approaches || hit.turns == rules.evaluations && found < hit.turns {
                 nearest = nearest.min(robot.point().distance(point));
             }

@@ -26,6 +26,13 @@ const BESIDE: [(f64, f64, Within); 4] = [
 const NEARER: [f64; 3] = [0.66, 0.33, 0.0];
 /// Distance by which an obstacle beside the robot may still be approached, m.
 const APPROACH_M: f64 = 0.03;
+/// Distance from a leg that moves within which the rest of a person may be, m: half of a stride to the trunk, and a
+/// part of the trunk beyond the other leg.
+const PERSON_M: f64 = 0.25;
+/// Speed at which a robot may move that is nearer than that to a leg that moves, m/s.
+const GIVES_WAY_MPS: f64 = 0.08;
+/// Part of the speed with which the robot must leave what moves for that not to count.
+const LEAVES: f64 = 0.5;
 /// Velocity towards a touching obstacle below which the robot leaves it, per unit of path.
 const LEAVING: f64 = 1e-3;
 /// Distance beyond the outline at which a direction must be covered by cones, m.
@@ -230,7 +237,10 @@ impl<K: Kinematics> Fields<K> {
         within.clear();
         let area = self.area(direction, motion, paths);
         within.extend(obstacles.iter().filter(|obstacle| area.may_contain(obstacle.at)));
-        let bound = self.bound_on(direction, paths, within, search);
+        let mut bound = self.bound_on(direction, paths, within, search);
+        if let Some(path) = paths.first() {
+            self.give_way(direction, *path, obstacles, &mut bound);
+        }
         self.buffers = buffers;
         bound
     }
@@ -246,6 +256,34 @@ impl<K: Kinematics> Fields<K> {
         let mut area = Area::default();
         paths.iter().for_each(|path| area.sweep(widest, *path, length));
         area
+    }
+
+    /// Lowers a bound beside what moves, wherever it is around the robot, unless the robot leaves it on `path`: who
+    /// walks may be ahead by the time the robot stands, and is wider than the legs that a lidar sees. The robot is slow
+    /// enough to stop before a person around the leg, and gives way to one that is nearer.
+    fn give_way(&self, direction: Direction, path: Twist, obstacles: &[Obstacle], bound: &mut Bound) {
+        let scale = if direction.turns() { self.radius } else { 1.0 };
+        let [.., body] = &self.nearer;
+        let mut most = bound.speed * scale;
+        for Obstacle { at, source, .. } in obstacles.iter().filter(|obstacle| obstacle.moves && obstacle.sensed) {
+            // A lower bound of the distance, which costs less.
+            if self.law.brakes_within(body.outside(*at) - PERSON_M).max(GIVES_WAY_MPS) >= most {
+                continue;
+            }
+            let near = body.nearest(*at);
+            let gap = at.distance(near);
+            let speed = self.law.brakes_within(gap - PERSON_M).max(GIVES_WAY_MPS);
+            let (x, y) = path.at(near.x, near.y);
+            let towards = x * (at.x - near.x) + y * (at.y - near.y);
+            let leaves = towards < -LEAVES * gap * libm::hypot(x, y);
+            if speed < most && !leaves {
+                most = speed;
+                if !matches!(bound.cause, Some(Cause::Stops(_))) {
+                    bound.cause = Some(Cause::Slows(*source));
+                }
+            }
+        }
+        bound.speed = most / scale;
     }
 
     fn bound_on(&self, direction: Direction, paths: &[Twist], obstacles: &[Obstacle], search: &mut Search) -> Bound {

@@ -50,6 +50,12 @@ impl Law {
         solve(free - STANDING_GAP_M, self.reaction, self.worst)
     }
 
+    /// The same for a commanded stop: beside what a lidar saw move.
+    #[must_use]
+    pub fn brakes_within(&self, free: f64) -> f64 {
+        self.meets_within(free, 0.0)
+    }
+
     /// Greatest speed whose warning field is at most `free` m long, and not below [`Law::slow`].
     #[must_use]
     pub fn slows_within(&self, free: f64) -> f64 {

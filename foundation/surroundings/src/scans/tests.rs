@@ -351,7 +351,7 @@ fn a_place_is_compared_up_to_its_tolerance_whatever_the_borders_of_directions() 
             // 4.9 cm beside it.
             let angle = f64::from(n) * TAU / 720.0 + 0.001;
             let place = at(angle + 2.0 * libm::asin(0.0245 / distance));
-            let hit = Hit { at: place, when: Instant::ZERO, turns: 1, approaches: false, slice: 0 };
+            let hit = Hit { at: place, when: Instant::ZERO, turns: 1, approaches: false, moves: false, slice: 0 };
             let (bin, distance) = seen_from(here, at(angle));
             let met = Met { at: at(angle), bin, distance, follows: true, lone: true, slice: 0 };
             let arc = Arc::around(&[met], SAME_M);
@@ -463,7 +463,7 @@ fn the_robot_s_own_motion_is_taken_out() {
             let middle = bench.robot.inverse() * Point { x: 3.0, y: 0.4 };
             for hit in bench.found().0 {
                 assert!((hit.at.distance(middle) - 0.2).abs() < 0.03, "{omega}: {hit:?}, column at {middle:?}");
-                assert!(!hit.approaches, "{omega}: {hit:?}");
+                assert!(!hit.approaches && !hit.moves, "{omega}: {hit:?}");
             }
         }
         assert!(bench.counts().0 > 3, "{omega}");
@@ -487,6 +487,28 @@ fn who_comes_nearer_approaches() {
             approaches += bench.found().0.iter().filter(|hit| hit.approaches).count();
         }
         assert_eq!(approaches > 0, expected, "{speed} {robot}: {approaches}");
+    }
+}
+
+#[test]
+fn who_walks_across_comes_to_places_that_were_free() {
+    for (speed, robot, expected) in
+        [(0.0, 0.0, false), (0.0, 0.5, false), (0.1, 0.0, false), (0.7, 0.0, true), (1.6, 0.0, true), (-1.0, 0.5, true)]
+    {
+        // Someone crosses 1.5 m ahead of the lidar; the wall is 2 m behind, comes into reach, or is too far away.
+        for wall in [100.5, 101.8, 200.0] {
+            let person = move |at: f64| (Point { x: 1.8, y: speed * (at - 1.4) }, 0.06);
+            let wall = move |_: f64| (Point { x: wall, y: 0.0 }, 97.0);
+            let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
+            bench.velocity = Twist { vx: robot, ..Twist::default() };
+            bench.things.extend([&person as Round<'_>, &wall]);
+            let mut moves = 0;
+            for _ in 0..8 {
+                bench.revolve();
+                moves += bench.found().0.iter().filter(|hit| hit.moves).count();
+            }
+            assert_eq!(moves > 0, expected, "{speed} {robot}: {moves}");
+        }
     }
 }
 
@@ -546,7 +568,7 @@ fn a_view_of_an_arc_answers_as_the_whole_one() {
         let hits: Vec<Hit> = (0..300)
             .map(|turns| (hit(4.0 * random(), TAU * random()), turns % 3))
             .chain([(here, 1)])
-            .map(|(at, turns)| Hit { at, when: Instant::ZERO, turns, approaches: false, slice: 0 })
+            .map(|(at, turns)| Hit { at, when: Instant::ZERO, turns, approaches: false, moves: false, slice: 0 })
             .collect();
         // A sector; every tenth one at the lidar, which has directions all around.
         let (first, nearest) = (TAU * random(), if n % 10 == 0 { 0.0 } else { 0.6 });

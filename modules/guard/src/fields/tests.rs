@@ -33,7 +33,7 @@ fn config() -> Config {
 }
 
 fn at(x: f64, y: f64) -> Obstacle {
-    Obstacle { at: Point { x, y }, source: Source::Sonar(2), sensed: true, approaches: true }
+    Obstacle { at: Point { x, y }, source: Source::Sonar(2), sensed: true, approaches: true, moves: false }
 }
 
 /// Within the robot itself, without any margin.
@@ -219,6 +219,7 @@ fn what_is_left_out_of_the_search_changes_nothing() {
         let place = |n| Obstacle {
             source: Source::Sonar(n),
             approaches: n % 3 == 0,
+            moves: false,
             ..at(between(&mut random, -reach, reach), between(&mut random, -1.0, 1.0))
         };
         let mut seen: Vec<Obstacle> = (0..12).map(place).collect();
@@ -315,6 +316,29 @@ fn what_is_beside_the_robot_is_passed_but_not_approached() {
     assert!(passed[0] > 0.5 && passed[1..] == [0.3, 0.15, 0.1], "the nearer a leg, the slower: {passed:?}");
     assert!(beside(0.31, 0.3) < 0.15, "turning towards it");
     assert!(beside(0.31, -0.3) > 0.5, "turning away from it");
+}
+
+#[test]
+fn the_robot_gives_way_to_who_walks_beside_it() {
+    let mut fields = Fields::new(&config(), BASE).expect("a body");
+    let mut beside = |x: f64, y: f64, moves: bool| {
+        let obstacle = Obstacle { approaches: false, moves, ..at(x, y) };
+        let [ahead, back] = [Direction::Forward, Direction::Backward]
+            .map(|direction| fields.bound(direction, &Motion::default(), &[obstacle]));
+        let known = [ahead, back].iter().all(|bound| bound.speed > 1.0 || bound.cause.is_some());
+        assert!(known, "{x} {y}: {ahead:?} {back:?}");
+        [ahead.speed, back.speed]
+    };
+    for y in [0.5, 0.59] {
+        assert_eq!(beside(0.5, y, true), [GIVES_WAY_MPS; 2], "a person may be as near as the leg at {y} m is far");
+    }
+    let [near, far] = [0.75, 0.95].map(|y| beside(0.5, y, true)[0]);
+    assert!(0.2 < near && near < 0.4 && 0.4 < far && far < 0.7, "{near} {far}");
+    assert!(beside(0.5, 0.59, false)[0] > 1.0, "what stands there is passed");
+    // Who follows is left behind.
+    let [ahead, back] = beside(-0.4, 0.1, true);
+    assert!(ahead > 1.0 && back <= GIVES_WAY_MPS, "{ahead} {back}");
+    assert!(beside(0.5, 2.5, true)[0] > 1.0);
 }
 
 #[test]

@@ -39,7 +39,7 @@ fn zones(fields: Vec<FieldKeys>) -> Zones {
 }
 
 fn at(x: f64, y: f64) -> Obstacle {
-    Obstacle { at: Point { x, y }, source: Source::Sonar(2), sensed: true, approaches: false }
+    Obstacle { at: Point { x, y }, source: Source::Sonar(2), sensed: true, approaches: false, moves: false }
 }
 
 fn line(from: (f64, f64), to: (f64, f64), half: f64) -> Unseen {
