@@ -319,7 +319,8 @@ fn where_it_may_not_turn_it_backs_away_straight_until_it_can() {
         let mut robot = Wheels::new(abilities, Pose::new(5.0, 4.0, 0.0), &[]);
         robot.permits = Some(before_a_wall);
         let (first, reversals) = leaves(&mut robot, to, 60.0);
-        assert!(first < 6.0 && reversals <= 2, "to {to:?}: after {first} s, {reversals} times: {:?}", robot.texts);
+        // The planner does not know the wall: its next way may lead towards it once more.
+        assert!(first < 6.0 && reversals <= 3, "to {to:?}: after {first} s, {reversals} times: {:?}", robot.texts);
         let backs_out = robot.texts.iter().filter(|text| *text == "backs out").count();
         assert!(backs_out <= 2, "{:?}", robot.texts);
     }
