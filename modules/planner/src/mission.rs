@@ -44,6 +44,8 @@ const TRACE_STEP_M: f64 = 0.05;
 const BACK_OUT_M: f64 = 0.9;
 /// Shortest useful distance to back out, m.
 const BACK_OUT_MIN_M: f64 = 0.25;
+/// Distance beyond the circle of the farthest corner that makes room for a turn, m.
+const ROOM_MARGIN_M: f64 = 0.15;
 /// Distance from the start of a stored path of a loop at which the path is driven again, m and rad.
 const STORED_PATH_START_MAX: (f64, f64) = (0.12, 0.12);
 /// Largest number of waypoints for which paths are stored.
@@ -110,6 +112,8 @@ pub struct Mission {
     no_way_around: bool,
     /// Instant since which motion is commanded at standstill.
     stuck: Option<Instant>,
+    /// Direction in which the robot made room for a turn; without progress it does not go the opposite way.
+    room: Option<Direction>,
     /// True after a contact at the leading end: the robot backs out before it continues.
     bumped: bool,
     /// True if a path to this goal was found.
@@ -139,6 +143,7 @@ impl Default for Mission {
             nearest: f64::INFINITY,
             no_way_around: false,
             stuck: None,
+            room: None,
             bumped: false,
             is_found: false,
             before: None,
@@ -413,7 +418,7 @@ impl Mission {
         };
         if goal.looped {
             goal.next = goal.after(goal.next).unwrap_or(goal.next);
-            (self.attempts, self.nearest) = (0, f64::INFINITY);
+            (self.attempts, self.nearest, self.room) = (0, f64::INFINITY, None);
             return false;
         }
         let (id, waypoint) = (goal.id, goal.next);
@@ -455,7 +460,7 @@ impl Mission {
         }
         let next = self.plan_ahead(input, space, next);
         self.phase = Phase::Driving { next };
-        command
+        straightened(input, command)
     }
 
     /// True if the robot, off its path, would reach a mapped obstacle before it can stop.
@@ -484,11 +489,39 @@ impl Mission {
 
     /// Speed that the guard allows in the direction of travel, of the one that is `planned`, m/s.
     fn allowed(&self, input: &StepInput<'_>, planned: f64) -> f64 {
-        let direction = self.track.direction();
-        let arm = if direction.turns() { input.config.body.arm() } else { 1.0 };
-        let permitted = arm * input.permitted[direction as usize];
+        let permitted = self.permitted(input).min(self.permitted_on_curve(input));
         // Below this, the drive hardly turns.
         if permitted < SPEED_MIN_MPS { 0.0 } else { planned.min(permitted) }
+    }
+
+    /// Speed that the guard permits in the direction of travel, m/s; on the spot that of the farthest corner.
+    fn permitted(&self, input: &StepInput<'_>) -> f64 {
+        let direction = self.track.direction();
+        let arm = if direction.turns() { input.config.body.arm() } else { 1.0 };
+        arm * input.permitted[direction as usize]
+    }
+
+    /// Speed at which the rotation of the present curve is what the guard permits, m/s: `driver_canbus` bounds each
+    /// part of a velocity of a base that does not steer. Infinite where the base can go straight as well.
+    fn permitted_on_curve(&self, input: &StepInput<'_>) -> f64 {
+        let steering = input.motion.steering;
+        let along = Axis::from(self.track.direction()) == Axis::Along;
+        if !input.config.abilities.turns || !along || steering.abs() <= STEERED_RAD {
+            return f64::INFINITY;
+        }
+        let backward = self.track.direction() == Direction::Backward;
+        let curvature = libm::tan(steering) / input.config.body.wheelbase;
+        turn_permitted(input, if backward { -curvature } else { curvature }) / curvature.abs()
+    }
+
+    /// True if nothing but the guard's bound of a turn keeps the robot from the beginning of its way.
+    fn cannot_turn(&self, input: &StepInput<'_>) -> bool {
+        let turns = match self.track.direction().turns() {
+            true => self.permitted(input),
+            false if self.permitted(input) >= SPEED_MIN_MPS => self.permitted_on_curve(input),
+            false => f64::INFINITY,
+        };
+        input.config.abilities.turns && turns < SPEED_MIN_MPS && self.planned(input) > 0.0
     }
 
     /// Speed that the sonars allow on the path, m/s.
@@ -548,7 +581,7 @@ impl Mission {
             && let Some(next) = goal.after(passed)
         {
             goal.next = next;
-            (self.attempts, self.nearest) = (0, f64::INFINITY);
+            (self.attempts, self.nearest, self.room) = (0, f64::INFINITY, None);
             self.set_driving();
         }
     }
@@ -558,7 +591,7 @@ impl Mission {
         match goal.after(number) {
             Some(next) => {
                 goal.next = next;
-                (self.attempts, self.nearest) = (0, f64::INFINITY);
+                (self.attempts, self.nearest, self.room) = (0, f64::INFINITY, None);
                 self.phase = Phase::Idle;
                 self.set_driving();
             }
@@ -616,6 +649,9 @@ impl Mission {
             if self.count_attempt(input, Hindrance::InTheWay) {
                 return;
             }
+            if self.cannot_turn(input) && self.make_room(input, space) {
+                return;
+            }
             // A path around may begin closer to a person than the robot is allowed to go: it backs out first. Where
             // none was found, two attempts were counted since the last wait.
             if self.attempts / 2 % 2 == 1 && self.back_out(input, space) {
@@ -633,21 +669,41 @@ impl Mission {
         let back = self.trace.iter().rev().take_while(|(_, was)| Some(*was) == came).take(steps);
         let direction = |forward: bool| if forward { Direction::Forward } else { Direction::Backward };
         let back = back.map(|(pose, was)| (*pose, direction(!was))).collect::<Vec<_>>();
-        let straight = |forward: bool| {
-            let step = if forward { TRACE_STEP_M } else { -TRACE_STEP_M };
-            let pose = move |n: usize| input.robot * Pose::new(step * n as f64, 0.0, 0.0);
-            let free = (0..=steps).map(pose).take_while(|pose| space.is_free(*pose));
-            free.map(|pose| (pose, direction(forward))).collect::<Vec<_>>()
-        };
-        let ways = [back, straight(false), straight(true)].map(|poses| Poses { poses, narrow: false });
+        let straight = |direction| straight(input, space, direction, BACK_OUT_M);
+        let ways = [back, straight(Direction::Backward), straight(Direction::Forward)];
+        let ways = ways.map(|poses| Poses { poses, narrow: false });
         ways.iter().any(|poses| self.begin_backing_out(input, poses))
+    }
+
+    /// Begins to move straight out of where the guard permits no turn, in the direction in which it permits the most,
+    /// until the circle of the farthest corner is beyond what is at the other end. Each time counts as an attempt, and
+    /// until the robot has come nearer to its waypoint it does not come back: this ends.
+    fn make_room(&mut self, input: &StepInput<'_>, space: &PlanningSpace) -> bool {
+        let Config { body, abilities, .. } = input.config;
+        let permitted = |direction: Direction| input.permitted[direction as usize];
+        let undoes = |direction: Direction| self.room == Some(direction.opposite());
+        let mut ways = vec![(Direction::Backward, body.front), (Direction::Forward, body.rear)];
+        if abilities.sideways {
+            ways.extend([Direction::Left, Direction::Right].map(|direction| (direction, body.width / 2.0)));
+        }
+        ways.retain(|(direction, _)| permitted(*direction) > START_SPEED_MIN_MPS && !undoes(*direction));
+        ways.sort_by(|(a, _), (b, _)| permitted(*b).total_cmp(&permitted(*a)));
+        ways.into_iter().any(|(direction, extent)| {
+            let length = (body.arm() - extent + ROOM_MARGIN_M).max(BACK_OUT_MIN_M + TRACE_STEP_M);
+            let poses = Poses { poses: straight(input, space, direction, length), narrow: false };
+            let begins = self.begin_backing_out(input, &poses);
+            self.room = if begins { Some(direction) } else { self.room };
+            begins
+        })
     }
 
     fn begin_backing_out(&mut self, input: &StepInput<'_>, poses: &Poses) -> bool {
         let Config { body, limits, behaviour, .. } = input.config;
         self.track = Track::new(poses, None, body, limits, behaviour);
         self.check_ahead(input.now, input.obstacles, input.config);
-        if self.track.remaining() < BACK_OUT_MIN_M || self.planned(input) <= START_SPEED_MIN_MPS {
+        // A base without steering begins at once, as far as the guard permits; one that steers does so first.
+        let refused = input.config.abilities.turns && self.permitted(input) < SPEED_MIN_MPS;
+        if self.track.remaining() < BACK_OUT_MIN_M || self.planned(input) <= START_SPEED_MIN_MPS || refused {
             self.track = Track::default();
             return false;
         }
@@ -672,7 +728,7 @@ impl Mission {
             return Motion { speed: 0.0, ..command };
         }
         self.phase = Phase::BackingOut { blocked };
-        command
+        straightened(input, command)
     }
 
     /// Records the driven path, for backing out, and the progress towards the waypoint.
@@ -699,9 +755,37 @@ impl Mission {
         let Some(goal) = &self.goal else { return };
         let distance = goal.waypoints[goal.next].at.distance(input.robot.point());
         if distance < self.nearest - PROGRESS_RESETS_ATTEMPTS_M {
-            (self.attempts, self.nearest) = (0, distance);
+            (self.attempts, self.nearest, self.room) = (0, distance, None);
         }
     }
+}
+
+/// Poses of a straight way from here as far as the map is free, at most `length` m.
+fn straight(input: &StepInput<'_>, space: &PlanningSpace, direction: Direction, length: f64) -> Vec<(Pose, Direction)> {
+    let (x, y) = direction.ahead();
+    let pose = |n: usize| {
+        let along = TRACE_STEP_M * n as f64;
+        input.robot * Pose::new(along * x, along * y, 0.0)
+    };
+    let steps = libm::round(length / TRACE_STEP_M) as usize;
+    (0..=steps).map(pose).take_while(|pose| space.is_free(*pose)).map(|pose| (pose, direction)).collect()
+}
+
+/// Rotation that the guard permits, rad/s, in the sense of `rotation`.
+fn turn_permitted(input: &StepInput<'_>, rotation: f64) -> f64 {
+    let direction = if rotation < 0.0 { Direction::TurnRight } else { Direction::TurnLeft };
+    input.permitted[direction as usize]
+}
+
+/// The command of a base that does not steer, with no more of a small correction than the turn that the guard permits:
+/// for a greater one `driver_canbus` would stop the motion.
+fn straightened(input: &StepInput<'_>, command: Motion) -> Motion {
+    let Motion { speed, steering, axis } = command;
+    if !input.config.abilities.turns || axis != Axis::Along || steering.abs() > STEERED_RAD || speed == 0.0 {
+        return command;
+    }
+    let most = libm::atan(input.config.body.wheelbase * turn_permitted(input, speed * steering) / speed.abs());
+    Motion { steering: steering.clamp(-most, most), ..command }
 }
 
 /// True while the steering is on its way to the commanded angle.

@@ -3,7 +3,8 @@
 //! Sends motion commands at 20 Hz, first zero, drives squares and random walks where there is space, stops at times, by
 //! zero or by silence, and begins again after every stop. Commands RUN to modules in PAUSE or STOP; releases the robot
 //! where a stop waits for a person: homes it, overrules a silent source of PAUSE, switches the motors on, pushes it
-//! back from an edge. Where there is a planner, lets that drive, too.
+//! back from an edge. Where there is a planner, lets that drive, too. Where a robot that turns by its wheels follows
+//! neither a turn nor a curve, backs it out straight, or drives it straight where there is more space.
 
 use super::scenario::Behaviour;
 use super::tally::Goals;
@@ -25,6 +26,13 @@ pub(super) const PERIOD: Duration = Duration::from_millis(50);
 const RETRY_DELAY: Duration = Duration::from_millis(500);
 /// Speed below which a robot stands that is commanded to move faster, m/s: something is in its way.
 const STANDS_MPS: f64 = 0.05;
+/// Rotation above which a commanded turn would be seen, rad/s.
+const TURNS_RADPS: f64 = 0.05;
+/// Distance, m, and turn, rad, above which the robot has moved; and by which a leg has brought it to another place.
+const MOVED: (f64, f64) = (0.005, 0.005);
+const ELSEWHERE: (f64, f64) = (0.02, 0.05);
+/// Number of legs in succession that the robot did not follow after which the next one is straight.
+const REFUSED_MAX: u32 = 2;
 /// Clearance of a robot that touches something, m.
 const TOUCHES_M: f64 = 0.01;
 /// Duration of zero commands before a new begin.
@@ -128,6 +136,10 @@ pub(super) struct Operator {
     disobeyed: Option<Instant>,
     /// Sign of the next leg's speed: away from what the robot stood before.
     away: Option<f64>,
+    /// Pose at the beginning of the leg.
+    began: Pose,
+    /// Number of legs in succession that did not move a robot that nothing held.
+    refused: u32,
     /// The next leg is by hand: the planner did not drive.
     by_hand: bool,
     tends: Instant,
@@ -161,10 +173,15 @@ impl fmt::Display for Operator {
 
 impl Operator {
     pub fn new(behaviour: Behaviour, limits: &Limits, world: &World, seed: u64) -> Self {
+        let base = limits.base.as_ref().map(|base| (base.chassis.clone(), limits.rotation));
+        Self::of_base(behaviour, base, limits.power.is_some(), world, seed)
+    }
+
+    fn of_base(behaviour: Behaviour, base: Option<(Chassis, f64)>, has_line: bool, world: &World, seed: u64) -> Self {
         Self {
             behaviour,
-            base: limits.base.as_ref().map(|base| (base.chassis.clone(), limits.rotation)),
-            has_line: limits.power.is_some(),
+            base,
+            has_line,
             last: Leg::Curve(0.0, 0.0),
             world: world.fenced(),
             random: Random::stream(seed, u64::from_le_bytes(*b"operator")),
@@ -176,6 +193,8 @@ impl Operator {
             processes: common::DataProcesses::default(),
             disobeyed: None,
             away: None,
+            began: Pose::default(),
+            refused: 0,
             by_hand: false,
             tends: Instant::ZERO,
             goal: 0,
@@ -324,7 +343,9 @@ impl Operator {
         }
         let wanted = if let Doing::Drive { leg, .. } = self.doing { leg.speed() } else { 0.0 };
         let stands = |target: f64| wanted.abs() > STANDS_MPS && target.abs() < STANDS_MPS;
-        let held = self.motion.as_ref().is_some_and(|motion| motion.reason.is_empty() && stands(motion.speed_target));
+        let stays = self.stays();
+        let held = |motion: &lowlevel::DataMotion| motion.reason.is_empty() && (stays || stands(motion.speed_target));
+        let held = self.motion.as_ref().is_some_and(held);
         let disobeys = held || self.motion.as_ref().is_none_or(|motion| !motion.reason.is_empty());
         let since = match (disobeys, self.disobeyed) {
             (true, since) => *self.disobeyed.insert(since.unwrap_or(now)),
@@ -347,7 +368,8 @@ impl Operator {
         if now.since(since) >= RETRY_DELAY || near {
             // A robot that senses nothing stands against it.
             let blocked = held || self.truth.clearance < TOUCHES_M;
-            self.away = blocked.then(|| -leg.speed().signum());
+            self.away = (blocked && !stays).then(|| -leg.speed().signum());
+            self.judge(held);
             (self.disobeyed, self.square) = (None, 0);
             self.doing = match self.random.chance(0.5) {
                 true => Doing::Zero(now + self.for_up_to(1.0)),
@@ -356,8 +378,33 @@ impl Operator {
         }
     }
 
+    /// True if a robot that is commanded to turn on the spot, or to go sideways, is where it was at the beginning.
+    fn stays(&self) -> bool {
+        let Doing::Drive { leg: Leg::Free(Twist { vx, vy, omega }), .. } = self.doing else { return false };
+        let commanded = omega.abs() > TURNS_RADPS || vy.abs() > STANDS_MPS;
+        vx.abs() <= STANDS_MPS && commanded && !self.is_beyond(MOVED)
+    }
+
+    /// True if the robot is that far from where the leg began.
+    fn is_beyond(&self, (distance, turn): (f64, f64)) -> bool {
+        let pose = self.pose();
+        let turned = (pose.theta - self.began.theta).radians().abs();
+        pose.point().distance(self.began.point()) > distance || turned > turn
+    }
+
+    /// Counts a leg that has ended: one that brought the robot elsewhere, or one that it was `free` to follow, and did
+    /// not. A robot that steers has bounds for the present angle of its steering: there any other leg helps.
+    fn judge(&mut self, free: bool) {
+        if self.is_beyond(ELSEWHERE) {
+            self.refused = 0;
+        } else if free && self.base.is_some() {
+            self.refused += 1;
+        }
+    }
+
     /// The current leg has ended.
     fn change(&mut self, now: Instant) {
+        self.judge(self.motion.as_ref().is_some_and(|motion| motion.reason.is_empty()));
         let Behaviour { silence, zero, .. } = self.behaviour;
         let chance = self.random.uniform();
         self.doing = match () {
@@ -374,7 +421,7 @@ impl Operator {
     /// Zero has been commanded for a while.
     fn go(&mut self, now: Instant) {
         let planner = |process: &common::Process| process.module == PLANNER && process.state == common::DataState::RUN;
-        let by_hand = std::mem::take(&mut self.by_hand);
+        let by_hand = std::mem::take(&mut self.by_hand) || self.refused > 0;
         let planned = self.random.chance(0.5) && !by_hand;
         if planned && self.processes.processes.iter().any(planner) {
             self.doing = Doing::Yields(now + ZERO);
@@ -417,6 +464,12 @@ impl Operator {
     /// Next leg: of a square, or the random one with the most space.
     fn leg(&mut self, now: Instant) -> Doing {
         let pose = self.pose();
+        self.began = pose;
+        if self.refused >= REFUSED_MAX {
+            (self.away, self.square) = (None, 0);
+            let (leg, seconds) = self.straight(pose);
+            return Doing::Drive { leg, until: now + Duration::from_secs_f64(seconds) };
+        }
         let mut best = (f64::NEG_INFINITY, Leg::Curve(0.0, 0.0), 0.0);
         for thought in 0..PATHS_TRIED {
             let (leg, seconds) = self.thought(thought);
@@ -432,6 +485,19 @@ impl Operator {
         self.away = None;
         self.square = self.square.saturating_sub(1);
         Doing::Drive { leg, until: now + Duration::from_secs_f64(seconds) }
+    }
+
+    /// A straight leg where turns and curves are refused, and its duration, s: that with the most space first, then the
+    /// others in turn.
+    fn straight(&mut self, pose: Pose) -> (Leg, f64) {
+        let (seconds, speed) = (self.between(self.behaviour.leg.0, self.behaviour.leg.1), self.behaviour.speed / 2.0);
+        let mut legs = vec![Leg::Curve(-speed, 0.0), Leg::Curve(speed, 0.0)];
+        if let Some((chassis, _)) = &self.base {
+            let sideways = [speed, -speed].map(|vy| chassis.feasible(Twist::new(0.0, vy, 0.0)).twist);
+            legs.extend(sideways.into_iter().filter(|twist| twist.vy.abs() > STANDS_MPS).map(Leg::Free));
+        }
+        legs.sort_by(|a, b| self.room(pose, *b, seconds).total_cmp(&self.room(pose, *a, seconds)));
+        (legs[(self.refused - REFUSED_MAX) as usize % legs.len()], seconds)
     }
 
     /// A candidate leg, and its duration, s.
@@ -507,5 +573,63 @@ impl Operator {
             }
         }
         least
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use module::admission::Sender;
+
+    const STEP_S: f64 = 0.05;
+
+    /// Time until an operator has brought a robot 0.2 m away from where it stands, 7 cm before a wall, and may only go
+    /// straight, backward or, with the wall behind it, forward, s.
+    fn leaves(seed: u64, behind: bool) -> f64 {
+        let wall = if behind { "walls = [[-0.42, -3, -0.42, 3]]" } else { "walls = [[0.42, -3, 0.42, 3]]" };
+        let node = settings::Node::parse(std::path::Path::new("world.toml"), &format!("start = [0, 0, 0]\n{wall}"));
+        let world: World = settings::read_as(&node.expect("TOML")).expect("a world");
+        let behaviour = Behaviour { wheelbase: 0.3, body: (0.35, 0.35, 0.25), ..Behaviour::default() };
+        let wheel = kinematics::Limits { speed_mps: 0.8, acceleration_mps2: 0.5, deceleration_mps2: 0.8 };
+        let chassis = Chassis::differential(0.42, wheel).expect("a track of 0.42 m");
+        let mut operator = Operator::of_base(behaviour, Some((chassis, 1.2)), false, &world, seed);
+        let sender = Sender { way: Way::Memory, process: None };
+        let (mut x, mut command) = (0.0, Twist::ZERO);
+        for tick in 0..2000 {
+            let now = Instant::from_millis(50 * tick);
+            let permitted = match (command.omega == 0.0 && command.vy == 0.0, behind) {
+                (true, false) => command.vx.clamp(-0.1, 0.0),
+                (true, true) => command.vx.clamp(0.0, 0.1),
+                (false, _) => 0.0,
+            };
+            x += permitted * STEP_S;
+            let truth = simulation::DataTruth { x, speed: permitted, clearance: 0.07, ..Default::default() };
+            let motion = lowlevel::DataMotion { homed: true, speed_target: permitted, ..Default::default() };
+            for message in [truth.into(), motion.into()] {
+                operator.observe(&News::Message { sender, message: &message });
+            }
+            if f64::abs(x) > 0.2 {
+                return now.since(Instant::ZERO).as_secs_f64();
+            }
+            operator.act(now, |message| match message {
+                Message::LlCmdMotion(motion) => {
+                    let omega = motion.speed * libm::tan(motion.steering) / behaviour.wheelbase;
+                    command = Twist::new(motion.speed, 0.0, omega);
+                }
+                Message::LlCmdVelocity(velocity) => command = Twist::new(velocity.vx, velocity.vy, velocity.omega),
+                _ => {}
+            });
+        }
+        panic!("seed {seed}: it does not leave the wall: {operator}");
+    }
+
+    #[test]
+    fn where_turns_and_curves_are_refused_it_goes_straight() {
+        for seed in 0..200 {
+            for behind in [false, true] {
+                let seconds = leaves(seed, behind);
+                assert!(seconds < 20.0, "seed {seed}, {behind}: {seconds} s");
+            }
+        }
     }
 }

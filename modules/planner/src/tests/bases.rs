@@ -5,7 +5,7 @@ use crate::map::{Field, Map, Unknown};
 use crate::path::Move;
 use crate::search::{Abilities, Footprint};
 use core::f64::consts::{FRAC_PI_2, PI};
-use messages::lowlevel::DataVelocity;
+use messages::lowlevel::{DataGuard, DataVelocity};
 use messages::middlelevel::CmdMode;
 
 const COURIER: Body = Body { wheelbase: 0.30, front: 0.35, rear: 0.35, width: 0.50 };
@@ -34,6 +34,11 @@ struct Wheels {
     session: Option<i64>,
     ticks: i64,
     goal: DataGoal,
+    /// What a guard permits at a pose, in the order of `LL_DATA_GUARD`; the driver takes of a velocity what it leaves
+    /// of all its parts.
+    permits: Option<fn(Pose) -> [f64; 6]>,
+    /// All texts about goals, each once in succession.
+    texts: Vec<String>,
 }
 
 impl Wheels {
@@ -58,13 +63,20 @@ impl Wheels {
         let field = Field::new(&map, Unknown::Blocked);
         let (goal, zero) = (DataGoal::default(), [0.0; 3]);
         let (velocity, command, greatest) = (zero, zero, zero);
-        Self { bench, abilities, field, pose: start, velocity, command, greatest, session: None, ticks: 0, goal }
+        let (session, ticks, permits, texts) = (None, 0, None, Vec::new());
+        Self { bench, abilities, field, pose: start, velocity, command, greatest, session, ticks, goal, permits, texts }
     }
 
     fn step(&mut self) {
         let dt = STEP.as_secs_f64();
+        let bounds = self.permits.map_or([f64::INFINITY; 6], |permits| permits(self.pose));
+        let left = |part: usize| {
+            let bound = bounds[2 * part + usize::from(self.command[part] < 0.0)];
+            if self.command[part].abs() <= bound { 1.0 } else { bound / self.command[part].abs() }
+        };
+        let left = (0..3).map(left).fold(1.0, f64::min);
         for (part, most) in [0.8, 0.8, 2.0].into_iter().enumerate() {
-            self.velocity[part] += (self.command[part] - self.velocity[part]).clamp(-most * dt, most * dt);
+            self.velocity[part] += (left * self.command[part] - self.velocity[part]).clamp(-most * dt, most * dt);
         }
         let [vx, vy, omega] = self.velocity;
         // Wheels that are unequal: motion to the side turns the robot.
@@ -81,6 +93,11 @@ impl Wheels {
             let estimate =
                 DataEstimate { timestamp, x, y, theta, speed: vx, rotation: omega, quality, ..Default::default() };
             self.bench.message(estimate);
+        }
+        if self.ticks % 5 == 3 && self.permits.is_some() {
+            let [forward, backward, left, right, turn_left, turn_right] = bounds;
+            let guard = DataGuard { forward, backward, left, right, turn_left, turn_right, ..Default::default() };
+            self.bench.message(guard);
         }
         if self.ticks % 5 == 1 {
             let (timestamp, module, source) = (1, "driver_canbus".into(), NAME.into());
@@ -109,6 +126,9 @@ impl Wheels {
                     velocity
                 }
                 Message::MlDataGoal(goal) => {
+                    if self.texts.last() != Some(&goal.message) {
+                        self.texts.push(goal.message.clone());
+                    }
                     self.goal = goal;
                     continue;
                 }
@@ -249,4 +269,100 @@ fn an_unknown_velocity_begins_no_other_motion() {
         let motion = senses.motion_of_wheels(0.4, 4.0);
         assert!(motion.axis == axis && motion.speed == speed, "{sent:?}: {motion:?}");
     }
+}
+
+/// What a guard permits before a wall that is not on the map, 7 cm ahead of a courier at (5, 4) that looks along x.
+fn before_a_wall(robot: Pose) -> [f64; 6] {
+    let (wall, (sin, cos)) = (5.42, robot.theta.sin_cos());
+    let side = COURIER.width / 2.0;
+    let ahead = (0.35 * cos.abs()) + side * sin.abs();
+    let gap = wall - robot.x - ahead;
+    let turn = if wall - robot.x > COURIER.arm() + 0.05 { 1.0 } else { 0.0 };
+    let towards = if gap < 0.10 { 0.0 } else { 0.3 };
+    let away = if gap < 0.10 { 0.1 } else { 0.3 };
+    let [forward, backward] = if cos >= 0.0 { [towards, away] } else { [away, towards] };
+    [forward, backward, 0.0, 0.0, turn, turn]
+}
+
+/// Time until the robot has moved by 2 cm, and the number of times that it reversed, while it drives to a goal.
+#[track_caller]
+fn leaves(robot: &mut Wheels, to: Pose, seconds: f64) -> (f64, u32) {
+    let (start, mut first, mut sign, mut reversals) = (robot.pose.point(), None, 0.0, 0);
+    let waypoint = Waypoint { x: to.x, y: to.y, theta: to.theta.radians(), tolerance: 0.0, heading: true };
+    robot.bench.message(CmdGoal { id: 1, waypoints: vec![waypoint], ..Default::default() });
+    for n in 0..(seconds * 100.0) as u32 {
+        robot.step();
+        let vx = robot.velocity[0];
+        if vx.abs() > 0.03 && vx.signum() != sign {
+            (reversals, sign) = (reversals + u32::from(sign != 0.0), vx.signum());
+        }
+        if robot.pose.point().distance(start) > 0.02 {
+            first.get_or_insert(f64::from(n) / 100.0);
+        }
+        if robot.goal.status == DataGoal::REACHED {
+            return (first.expect("it has moved"), reversals);
+        }
+        assert!(robot.goal.status != DataGoal::FAILED, "{:?}", robot.texts);
+    }
+    panic!("after {seconds} s at {:?}: {:?}", robot.pose, robot.texts);
+}
+
+#[test]
+fn where_it_may_not_turn_it_backs_away_straight_until_it_can() {
+    for (abilities, to) in [
+        (TURNS, Pose::new(3.5, 6.5, FRAC_PI_2)),
+        (TURNS, Pose::new(3.5, 1.5, -FRAC_PI_2)),
+        (TURNS, Pose::new(2.0, 4.0, PI)),
+        (TURNS, Pose::new(2.0, 5.0, 0.0)),
+        (ALL, Pose::new(3.5, 6.5, FRAC_PI_2)),
+    ] {
+        let mut robot = Wheels::new(abilities, Pose::new(5.0, 4.0, 0.0), &[]);
+        robot.permits = Some(before_a_wall);
+        let (first, reversals) = leaves(&mut robot, to, 60.0);
+        // The planner does not know the wall: its next way may lead towards it once more.
+        assert!(first < 6.0 && reversals <= 3, "to {to:?}: after {first} s, {reversals} times: {:?}", robot.texts);
+        let backs_out = robot.texts.iter().filter(|text| *text == "backs out").count();
+        assert!(backs_out <= 2, "{:?}", robot.texts);
+    }
+}
+
+#[test]
+fn with_something_behind_it_makes_room_ahead() {
+    let mut robot = Wheels::new(TURNS, Pose::new(5.0, 4.0, PI), &[]);
+    robot.permits = Some(before_a_wall);
+    let (first, reversals) = leaves(&mut robot, Pose::new(3.5, 6.5, FRAC_PI_2), 60.0);
+    assert!(first < 4.0 && reversals <= 2, "after {first} s, {reversals} times: {:?}", robot.texts);
+}
+
+#[test]
+fn where_it_may_not_move_at_all_it_stands_and_gives_up() {
+    let start = Pose::new(5.0, 4.0, 0.0);
+    let mut robot = Wheels::new(TURNS, start, &[]);
+    robot.permits = Some(|_| [0.0; 6]);
+    let waypoint = Waypoint { x: 5.0, y: 6.5, theta: 0.0, tolerance: 0.0, heading: false };
+    robot.bench.message(CmdGoal { id: 1, waypoints: vec![waypoint], ..Default::default() });
+    for _ in 0..12_000 {
+        robot.step();
+        if robot.goal.status == DataGoal::FAILED {
+            assert_eq!(robot.pose, start);
+            return;
+        }
+    }
+    panic!("{:?}", robot.texts);
+}
+
+#[test]
+fn where_no_turn_is_ever_permitted_making_room_ends() {
+    let mut robot = Wheels::new(TURNS, Pose::new(5.0, 4.0, 0.0), &[]);
+    robot.permits = Some(|_| [0.3, 0.3, 0.0, 0.0, 0.0, 0.0]);
+    let waypoint = Waypoint { x: 5.0, y: 6.5, theta: 0.0, tolerance: 0.0, heading: false };
+    robot.bench.message(CmdGoal { id: 1, waypoints: vec![waypoint], ..Default::default() });
+    for _ in 0..30_000 {
+        robot.step();
+        if robot.goal.status == DataGoal::FAILED {
+            assert!(robot.pose.point().distance(Point { x: 5.0, y: 4.0 }) < 4.0, "{:?}", robot.pose);
+            return;
+        }
+    }
+    panic!("{:?}", robot.texts);
 }
