@@ -25,6 +25,8 @@ pub(super) struct Force {
     pub newtons: f64,
     /// At the rated torque, N, above 0.
     pub rated: f64,
+    /// When it was received.
+    pub at: Instant,
 }
 
 pub(super) struct Servo {
@@ -97,7 +99,7 @@ impl Servo {
         let (per_mille, at) = self.torque?;
         let rated = TAU * self.turns * self.drive.rated_torque()?;
         let known = self.drive.is_booted() && now.since(at) <= TORQUE_AGE_MAX && rated != 0.0;
-        known.then(|| Force { newtons: f64::from(per_mille) / 1000.0 * rated, rated: rated.abs() })
+        known.then(|| Force { newtons: f64::from(per_mille) / 1000.0 * rated, rated: rated.abs(), at })
     }
 
     /// m/s of a velocity in the drive's unit.

@@ -5,8 +5,11 @@
 //! or hold the robot have no such part, however great they are. Some is there in health, too: wheels differ in
 //! diameter, friction and grip.
 //!
-//! Judged      while all wheels are to drive, at least one turns by its set-point, and each has its speed. Motors that
-//!             are blocked, pushed or at their limit show it by their speeds, which others judge
+//! Judged      while all wheels are to drive, at least one at [`TURNS_MPS`], each has its speed, and the set-points have
+//!             not changed for [`SETTLED`]. Motors that are blocked, pushed or at their limit show it by their speeds,
+//!             which others judge. On a ramp each drive follows its next set-point by a ramp of its own, and is there
+//!             sooner or later than the others; at low speed wheels creep too little to make up for the resolution of
+//!             their drives
 //! Witness     the torque of each wheel, in a PDO and not older than a few of its periods, and the rated torque. A drive
 //!             without them is reported at the start, one that falls silent when the robot drives; neither stops it
 
@@ -18,6 +21,13 @@ use base::{Duration, Fault, Instant, Level, Severity};
 use kinematics::{Chassis, PerWheel};
 use module::Actions;
 
+/// Set-point that a wheel must have, m/s.
+const TURNS_MPS: f64 = 0.1;
+/// For how long the set-points must not have changed when a torque is received: longer than the period of those of a
+/// ramp.
+const SETTLED: Duration = Duration::from_millis(25);
+/// What was judged before counts for this long while nothing is judged.
+const PAUSE_MAX: Duration = Duration::from_millis(150);
 /// How long the wheels must work against each other: a wheel may slip, or cross a gap in the floor.
 const LONG: Duration = Duration::from_millis(150);
 /// A wheel is named if its part is this much greater than that of any other.
@@ -51,8 +61,12 @@ impl Strain {
 /// The watch over it.
 #[derive(Debug, Default)]
 pub(super) struct StrainWatch {
-    /// Since when it has been too great.
+    /// Since when it has been too great, and when it was judged last.
     since: Option<Instant>,
+    judged: Instant,
+    /// Last set-points, and when they changed.
+    set_points: PerWheel<f64>,
+    changed: Instant,
     /// Since when the robot has driven without being judged for want of a torque.
     unseen: Option<Instant>,
     /// That was reported.
@@ -60,14 +74,32 @@ pub(super) struct StrainWatch {
 }
 
 impl StrainWatch {
-    /// Takes the greatest part of a wheel's rated force; NaN if it is not judged. True once it has been above `allowed`
-    /// for too long.
-    fn measure(&mut self, now: Instant, part: f64, allowed: f64) -> bool {
-        if part.is_nan() || part <= allowed {
-            self.since = None;
-            return false;
+    /// Takes the set-points of all wheels, m/s.
+    fn command(&mut self, now: Instant, set_points: PerWheel<f64>) {
+        if self.set_points != set_points {
+            (self.set_points, self.changed) = (set_points, now);
         }
-        now.since(*self.since.get_or_insert(now)) >= LONG
+    }
+
+    /// True if a torque of this time is one of wheels that have their set-points.
+    fn is_settled(&self, at: Instant) -> bool {
+        at.since(self.changed) >= SETTLED
+    }
+
+    /// Takes the greatest part of a wheel's rated force; `None` if it is not judged. True once it has been above
+    /// `allowed` for too long.
+    fn measure(&mut self, now: Instant, part: Option<f64>, allowed: f64) -> bool {
+        if now.since(self.judged) > PAUSE_MAX {
+            self.since = None;
+        }
+        let Some(part) = part else { return false };
+        self.judged = now;
+        // False for NaN.
+        if part > allowed {
+            return now.since(*self.since.get_or_insert(now)) >= LONG;
+        }
+        self.since = None;
+        false
     }
 
     /// `unseen`: the robot drives, and a torque is not known. True once that is to be reported.
@@ -81,16 +113,12 @@ impl StrainWatch {
     }
 }
 
-/// True if a wheel is to drive and has its speed.
-fn follows(now: Instant, wheel: &Propulsion) -> bool {
-    let Order::Drive(target) = wheel.order() else { return false };
+/// Set-point of a wheel that is to drive and has its speed, m/s.
+fn followed(now: Instant, wheel: &Propulsion) -> Option<f64> {
+    let Order::Drive(target) = wheel.order() else { return None };
     // False for NaN.
-    wheel.is_known(now) && (wheel.measured() - target).abs() <= MARGIN_MPS
-}
-
-/// True if a wheel is to turn.
-fn turns(wheel: &Propulsion) -> bool {
-    matches!(wheel.order(), Order::Drive(target) if target != 0.0)
+    let follows = wheel.is_known(now) && (wheel.measured() - target).abs() <= MARGIN_MPS;
+    follows.then_some(target)
 }
 
 impl Canbus {
@@ -118,15 +146,20 @@ impl Canbus {
             return;
         }
         let forces: Option<PerWheel<Force>> = self.wheels.iter().map(|wheel| wheel.force(now)).collect();
-        let drives = self.wheels.iter().all(|wheel| follows(now, wheel)) && self.wheels.iter().any(turns);
+        let set_points: Option<PerWheel<f64>> = self.wheels.iter().map(|wheel| followed(now, wheel)).collect();
+        let set_points = set_points.filter(|all| all.iter().any(|speed| speed.abs() >= TURNS_MPS));
+        let drives = set_points.is_some();
+        self.strain.command(now, set_points.unwrap_or_default());
         if self.strain.must_report(now, drives && forces.is_none()) {
             out.say(
                 Level::Warning,
                 "no torque of all wheels is received: wheels that work against each other are not noticed",
             );
         }
-        let strain = forces.filter(|_| drives).and_then(|forces| Strain::of(self.body.chassis(), &forces));
-        let too_long = self.strain.measure(now, strain.map_or(f64::NAN, |strain| strain.part), allowed);
+        let settled = |forces: &PerWheel<Force>| forces.iter().all(|force| self.strain.is_settled(force.at));
+        let forces = forces.filter(|forces| drives && settled(forces));
+        let strain = forces.and_then(|forces| Strain::of(self.body.chassis(), &forces));
+        let too_long = self.strain.measure(now, strain.map(|strain| strain.part), allowed);
         let Some(Strain { part, newtons, wheel }) = strain.filter(|_| too_long && !self.agreement.stops) else {
             return;
         };
@@ -161,7 +194,7 @@ mod tests {
 
     fn strain(chassis: &Chassis, forces: &[f64]) -> Strain {
         let forces: PerWheel<Force> =
-            forces.iter().map(|newtons| Force { newtons: *newtons, rated: RATED_N }).collect();
+            forces.iter().map(|newtons| Force { newtons: *newtons, rated: RATED_N, at: at(0) }).collect();
         Strain::of(chassis, &forces).expect("a redundant base")
     }
 
@@ -224,16 +257,38 @@ mod tests {
     }
 
     #[test]
-    fn it_counts_once_it_has_lasted_and_begins_anew_after_one_that_is_small_or_unknown() {
+    fn it_counts_once_it_has_lasted_and_begins_anew_after_one_that_is_small() {
         for less in [0.3, f64::NAN] {
             let mut watch = StrainWatch::default();
-            assert!(!watch.measure(at(0), 0.31, ALLOWED));
-            assert!(!watch.measure(at(149), 0.31, ALLOWED));
-            assert!(!watch.measure(at(160), less, ALLOWED));
-            assert!(!watch.measure(at(180), 0.31, ALLOWED));
-            assert!(!watch.measure(at(329), 0.31, ALLOWED));
-            assert!(watch.measure(at(330), 0.31, ALLOWED));
+            let mut measure = |ms, part| watch.measure(at(ms), Some(part), ALLOWED);
+            assert!(!measure(0, 0.31) && !measure(149, 0.31) && !measure(160, less));
+            assert!(!measure(180, 0.31) && !measure(329, 0.31) && measure(330, 0.31));
         }
+    }
+
+    #[test]
+    fn a_short_pause_does_not_begin_anew_and_a_long_one_does() {
+        for (pause, found) in [(150, true), (151, false)] {
+            let mut watch = StrainWatch::default();
+            assert!(!watch.measure(at(1000), Some(0.31), ALLOWED));
+            assert!(!watch.measure(at(1000 + pause / 2), None, ALLOWED));
+            assert_eq!(watch.measure(at(1000 + pause), Some(0.31), ALLOWED), found, "{pause} ms");
+        }
+    }
+
+    #[test]
+    fn a_torque_counts_from_a_while_after_the_last_set_point() {
+        let mut watch = StrainWatch::default();
+        let set = |watch: &mut StrainWatch, ms, speed| watch.command(at(ms), [speed; 4].into_iter().collect());
+        // A ramp, as the driver makes it.
+        for step in 0..50 {
+            set(&mut watch, 20 * step, 0.01 * step as f64);
+            assert!(!watch.is_settled(at(20 * step + 19)));
+        }
+        set(&mut watch, 1000, 0.49);
+        assert!(!watch.is_settled(at(1004)) && watch.is_settled(at(1005)));
+        set(&mut watch, 1010, 0.5);
+        assert!(!watch.is_settled(at(1034)) && watch.is_settled(at(1035)));
     }
 
     #[test]

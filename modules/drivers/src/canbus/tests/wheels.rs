@@ -350,8 +350,10 @@ fn wheels_that_work_against_each_other_stop_the_robot() {
     drive(&mut robot, (0.3, 0.0, 0.1), 500);
     assert_wheels(&robot, &[0.0; 4]);
     assert_eq!(robot.holds(), [(Hold::NotReleased, "test")]);
-    // It has not ended: the next motion ends as soon.
+    // It has not ended: the next motion ends, too, when the set-points are reached.
     drive(&mut robot, (0.0, 0.0, 0.0), 200);
+    drive(&mut robot, (0.3, 0.0, 0.1), 500);
+    assert_eq!(robot.errors.len(), 2, "{:?}", robot.errors);
     drive(&mut robot, (0.3, 0.0, 0.1), 500);
     assert_eq!(robot.errors[2..], reported);
     set_torques(&mut robot, [0; 4]);
@@ -372,7 +374,7 @@ fn torques_that_move_the_robot_hold_it_or_do_not_last_are_no_fault() {
         [-1500; 4],
         [i64::from(i16::MAX); 4],
         [i64::from(i16::MIN); 4],
-        // A fifth of the rated torque, where 0.3 are allowed.
+        // A fifth of the rated torque, where three tenths are allowed.
         [200, 200, -200, -200],
     ] {
         set_torques(&mut robot, torques);
