@@ -74,6 +74,7 @@ fn check_drive(eds: &Eds) {
             homing,
             sync: None,
             master: 127,
+            torque: true,
             second_way: true,
             quirks: Quirks::default(),
         };

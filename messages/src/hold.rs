@@ -132,7 +132,7 @@ holds! {
     /// What feeds the motors is off, power channel, output or GPIO line, and not by this driver's order. No subject.
     FeedOff = 235, "the motors' feed is switched off",
         "Check that the robot may move; then switch the power channel motors on by hand.";
-    /// No motion of the base has the speeds that its wheels measure; it lasts until the robot stands. No subject.
+    /// No motion has the speeds of the wheels, or they work against each other; until the robot stands. No subject.
     WheelsDisagree = 236, "the wheels contradict each other",
         "Check encoders, wheels and their order on the bus; then command zero first.";
     /// The only driven wheel was measured to stand although it was to turn: its encoder may be dead. No subject.

@@ -279,6 +279,7 @@ impl Tried {
             homing: None,
             sync: None,
             master: 127,
+            torque: false,
             second_way,
             quirks: Quirks::default(),
         };

@@ -177,7 +177,8 @@ faults! {
     DriveParameter = 0x0214, Device;
     /// The output or GPIO line that cuts the motors' feed does not answer or obey: the robot stops.
     SecondWayLost = 0x0215, Device;
-    /// No motion of the base has the speeds that its wheels measure: the robot stops.
+    /// No motion of the base has the speeds that its wheels measure, or the wheels work against each other: the robot
+    /// stops.
     WheelsDisagree = 0x0216, Device;
 
     /// A module's process ended unasked and is started again.

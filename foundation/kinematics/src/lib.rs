@@ -11,6 +11,7 @@
 //! | [`Chassis::wheel_states`] | velocity | speeds and steering angles, without limits of time |
 //! | [`Chassis::estimate`] | measured wheels | velocity by least squares, with the residual of each wheel |
 //! | [`Chassis::agreement`] | measured wheels | the wheel that disagrees, where the geometry can tell |
+//! | [`Chassis::strain`] | forces of the wheels | the parts of them that cancel each other |
 //! | [`integrate`] | pose, velocity, time | pose at the end of the exact arc |
 //! | [`Polygon::contact`] | outline, path, point | length of the path up to the contact |
 //! | [`reach::Kinematics::reachable`] | direction, measured motion, time | the paths that the base can take by then |

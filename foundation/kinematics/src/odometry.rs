@@ -1,4 +1,5 @@
-//! From measured wheels to the velocity of the base, and to the wheel that disagrees.
+//! From measured wheels to the velocity of the base, to the wheel that disagrees, and to what the wheels' forces do
+//! against each other.
 
 use crate::chassis::{Chassis, Constraint, Constraints};
 use crate::least_squares::solve;
@@ -87,6 +88,37 @@ impl Chassis {
             (Some((one, other)), None) => Some(Agreement::Swapped(one, other)),
             _ => Some(Agreement::Unnamed),
         }
+    }
+
+    /// Parts of the forces of the driven wheels at the floor, N, forward positive, that cancel each other: the wheels
+    /// work against each other by them, and nothing moves. What is left of the forces accelerates or holds the base.
+    ///
+    /// The force on a motion of the base is the sum of the wheels' forces, each times the wheel's speed in that motion
+    /// (transposed Jacobian; *Modern Robotics*, 5.2). The parts are the projection on the null space of that sum: the
+    /// residuals of the least squares of [`Chassis::estimate`] with forces in place of speeds. Of four mecanum wheels
+    /// there is one combination, both front wheels against both rear ones. A wheel without a drive has no part.
+    ///
+    /// `None`: another number of forces than of wheels, one that is not finite or beyond 1e6 N, wheels that are
+    /// steered, or no more driven wheels than independent motions.
+    #[must_use]
+    pub fn strain(&self, forces_n: &[f64]) -> Option<PerWheel<f64>> {
+        let known = |(wheel, force): (&Wheel, &f64)| !wheel.driven || is_usable(*force);
+        let fits = forces_n.len() == self.wheels.len() && self.wheels.iter().zip(forces_n).all(known);
+        if !fits || self.is_steered() {
+            return None;
+        }
+        let driven = self.constraints(|wheel| wheel.driven, |_| 0.0);
+        let (inverse, determined) = self.inverse_of(&driven);
+        if !determined || driven.len() <= self.motions.len() {
+            return None;
+        }
+        let amounts = solve(&inverse, driven.iter().map(|constraint| forces_n[constraint.wheel]));
+        let mut parts: PerWheel<f64> = self.wheels.iter().map(|_| 0.0).collect();
+        for constraint in &driven {
+            let moves: f64 = constraint.row.iter().zip(amounts).map(|(part, amount)| part * amount).sum();
+            parts[constraint.wheel] = forces_n[constraint.wheel] - moves;
+        }
+        Some(parts)
     }
 
     /// True if the wheel contributes equations.

@@ -92,6 +92,10 @@ settings! {
     #[derive(Clone, Copy, Debug, PartialEq)]
     pub struct Base {
         layout: Layout = flat;
+        /// Part of the rated torque of its motor by which a wheel may work against the others, of a base with more
+        /// wheels than motions (mecanum, skid-steer, four or more omni wheels) whose drives report their torque (0x6077
+        /// in a TPDO); more than that for 0.15 s stops the robot.
+        strain: f64 = 0.3, 0.05..=10.0;
     }
 }
 

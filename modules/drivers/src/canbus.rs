@@ -44,6 +44,7 @@ mod second_way;
 mod servo;
 mod speed_monitor;
 mod steering;
+mod strain;
 #[cfg(test)]
 mod tests;
 mod vesc;
@@ -87,6 +88,7 @@ use requests::{NodeOwner, Requests};
 use second_way::StopWatch;
 use settings::robot::DrivenAxle;
 use steering::Steering;
+use strain::StrainWatch;
 use surroundings::Surroundings;
 use wheels::Wheels;
 
@@ -158,6 +160,7 @@ pub struct Canbus {
     releases: Releases,
     stop_watch: StopWatch,
     agreement: AgreementWatch,
+    strain: StrainWatch,
     /// Of the wheels' drives, then of the steering's.
     readbacks: Vec<Readback>,
     /// Inputs of drives that stop the robot.
@@ -245,6 +248,7 @@ impl Canbus {
             inputs,
             devices,
             agreement: AgreementWatch::default(),
+            strain: StrainWatch::default(),
             readbacks,
             releases: Releases::new(config.homing_release == HomingRelease::Start),
             protection: Protection::new(config.protection),
@@ -869,6 +873,7 @@ impl Canbus {
         self.stopping = began && rolls && self.wheels.may_be_stopping();
         self.watch_speed(now, out);
         self.watch_agreement(now, out);
+        self.watch_strain(now, out);
         self.advance_second_way(now, out);
         let booted: PerWheel<bool> = self.drives().map(drive::Drive::is_booted).collect();
         for (readback, booted) in self.readbacks.iter_mut().zip(booted) {
@@ -1200,6 +1205,7 @@ impl Module for Canbus {
                 self.start_second_way(now, out);
                 self.report_cap(out);
                 self.report_reservations(out);
+                self.report_blind_to_strain(out);
                 if !self.config.has_pause_line && self.config.stop.inputs.is_empty() {
                     out.say(Level::Warning, NO_EMERGENCY_STOP);
                 }

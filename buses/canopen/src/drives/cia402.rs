@@ -19,6 +19,8 @@ pub(super) const DEVICE_TYPE: u32 = 0x0002_0192;
 pub const CONTROLWORD: u32 = 0x6040_0010;
 /// The statusword in a mapping.
 pub const STATUSWORD: u32 = 0x6041_0010;
+/// The torque in a mapping, per mille of the rated torque.
+pub const TORQUE: u32 = 0x6077_0010;
 /// Period of the drive's heartbeat.
 const HEARTBEAT: Duration = Duration::from_millis(50);
 /// Time limit for a heartbeat, the drive's or the master's: two lost in a row are tolerated.
@@ -114,6 +116,8 @@ pub struct Transmission {
     pub kind: u8,
     /// Inhibit time in 100 us, where the drive has one.
     pub inhibit: Option<u16>,
+    /// Event timer in ms: it is sent that often at least. `None`: it stays as it is.
+    pub event_timer: Option<u16>,
 }
 
 /// A PDO in use, with its identifier of the pre-defined connection set.
@@ -138,12 +142,13 @@ impl Pdo {
 
     /// Switches it off, sets its communication parameters, and switches it on: `record` is its communication record.
     fn writes(&self, record: u16, cob_id: u32) -> Vec<ConfigWrite> {
-        let Some(Transmission { kind, inhibit }) = self.transmission else {
+        let Some(Transmission { kind, inhibit, event_timer }) = self.transmission else {
             return Vec::new();
         };
         let off = ConfigWrite::new(record, 1, cob_id | INVALID);
         let inhibit = inhibit.map(|inhibit| ConfigWrite::new(record, 3, inhibit));
-        let writes = [off, ConfigWrite::new(record, 2, kind)].into_iter().chain(inhibit);
+        let event_timer = event_timer.map(|timer| ConfigWrite::new(record, 5, timer));
+        let writes = [off, ConfigWrite::new(record, 2, kind)].into_iter().chain(inhibit).chain(event_timer);
         writes.chain([ConfigWrite::new(record, 1, cob_id)]).collect()
     }
 
@@ -166,6 +171,8 @@ pub struct Status {
     pub statusword: Option<u16>,
     /// Actual velocity or position in the drive's unit, when the TPDO carries it.
     pub value: Option<i32>,
+    /// Torque of the motor, per mille of its rated torque, when the TPDO carries it.
+    pub torque: Option<i16>,
 }
 
 /// A drive.
@@ -183,7 +190,7 @@ pub struct Table {
     pub rpdo: Pdo,
     /// The target, as in a mapping: `0x60FF_0020`.
     pub target: u32,
-    /// TPDOs that carry the statusword, the actual value, or both.
+    /// TPDOs that carry the statusword, the actual value, or both; or the torque ([`TORQUE`]).
     pub tpdos: Cow<'static, [Pdo]>,
     /// The actual value, as in a mapping: `0x606C_0020`.
     pub value: u32,
@@ -268,7 +275,7 @@ impl Table {
         let len = data.len().min(8);
         bytes[..len].copy_from_slice(&data[..len]);
         let (frame, bits_there) = (u64::from_le_bytes(bytes), 8 * len as u32);
-        let mut status = Status { statusword: None, value: None };
+        let mut status = Status { statusword: None, value: None, torque: None };
         for (entry, mapped, at) in pdo.places() {
             let (bits, unused) = (u32::from(mapped.bits), u64::BITS - u32::from(mapped.bits));
             if at + bits > bits_there {
@@ -278,10 +285,17 @@ impl Table {
             match entry {
                 STATUSWORD => status.statusword = Some(value as u16),
                 entry if entry == self.value => status.value = i32::try_from(value).ok(),
+                TORQUE => status.torque = i16::try_from(value).ok(),
                 _ => {}
             }
         }
         Some(status)
+    }
+
+    /// True if a TPDO carries the torque.
+    #[must_use]
+    pub fn reports_torque(&self) -> bool {
+        self.tpdos.iter().any(|pdo| pdo.entries.contains(&TORQUE))
     }
 
     /// A quick stop for a drive that is lost, and the time that its ramp takes from the greatest velocity.
@@ -305,7 +319,7 @@ pub(super) const RAMPS: [Setting; 3] = [
 
 /// An event-driven TPDO that must be mapped so and is switched on, with a pause between two frames.
 pub(super) const fn reporting(number: u8, entries: &'static [u32]) -> Pdo {
-    let transmission = Some(Transmission { kind: 255, inhibit: Some(INHIBIT) });
+    let transmission = Some(Transmission { kind: 255, inhibit: Some(INHIBIT), event_timer: None });
     Pdo { number, entries: Cow::Borrowed(entries), transmission, adjust: false }
 }
 

@@ -49,6 +49,8 @@ pub struct Derived {
     pub units: Units,
     /// The same per turn of the motor, exact.
     pub scale: Scale,
+    /// Turns of the motor per m or rad of the output; negative when they turn in opposite directions.
+    pub turns: f64,
     /// Modes of operation that the drive offers.
     pub modes: Vec<Mode>,
     /// Homing methods that it lists; `None`: it lists none.
@@ -77,7 +79,7 @@ pub fn derive(eds: &Eds, node: u8, description: &Description) -> Result<Derived,
     let (settings, identity, reservations) = (Vec::new(), identity(sheet, description), Vec::new());
     let mut draft = Draft { sheet, description, parameters, settings, identity, reservations };
     let (target, value) = modes::mode(&mut draft)?;
-    let (scale, units) = units::units(&mut draft)?;
+    let (scale, turns, units) = units::units(&mut draft)?;
     if objects_are_positions(description.mode) && scale.position.is_none() {
         return Err(Refusal::new(0x608F, 1, Reason::NoUnit));
     }
@@ -113,6 +115,7 @@ pub fn derive(eds: &Eds, node: u8, description: &Description) -> Result<Derived,
         parameters,
         units,
         scale,
+        turns,
         modes: Mode::ALL.into_iter().filter(|mode| mode.is_supported(offered)).collect(),
         methods: modes::methods(sheet),
         homing_acceleration,

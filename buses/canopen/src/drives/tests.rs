@@ -26,12 +26,12 @@ fn the_dictionaries_are_those_of_the_eds_files() {
 fn pdos_are_packed_as_on_the_wire() {
     assert_eq!(epos::TABLE.pack(0x0F, 1500), [0x0F, 0x00, 0xDC, 0x05, 0x00, 0x00]);
     assert_eq!(icla::TABLE.pack(0x0F, -1500), [0x0F, 0x00, 0x24, 0xFA, 0xFF, 0xFF]);
-    let status = Status { statusword: Some(0x0237), value: Some(-1500) };
+    let status = Status { statusword: Some(0x0237), value: Some(-1500), torque: None };
     let epos = |number, data: &[u8]| epos::TABLE.unpack(number, data);
     assert_eq!(epos(4, &[0x37, 0x02, 0x24, 0xFA, 0xFF, 0xFF]), Some(status));
     assert_eq!(epos(1, &[0x37, 0x02]), Some(Status { value: None, ..status }));
     assert_eq!((epos(4, &[0x37, 0x02, 0, 0, 0]), epos(2, &[0; 8])), (None, None));
-    let status = Status { statusword: Some(0x1237), value: Some(-2) };
+    let status = Status { statusword: Some(0x1237), value: Some(-2), torque: None };
     let icla = |number, data: &[u8]| icla::TABLE.unpack(number, data);
     assert_eq!(icla(2, &[0x37, 0x12, 0xFE, 0xFF, 0xFF, 0xFF]), Some(status));
     assert_eq!((icla(1, &[0x37]), icla(3, &[0; 8])), (None, None));

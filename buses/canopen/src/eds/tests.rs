@@ -375,6 +375,7 @@ fn use_it(file: &[u8]) -> bool {
             homing: None,
             sync: None,
             master: 127,
+            torque: true,
             second_way: true,
             quirks: Quirks::default(),
         };

@@ -31,6 +31,7 @@ fn description(mode: Mode) -> Description {
         homing: None,
         sync: Some(PERIOD),
         master: 127,
+        torque: false,
         second_way: false,
         quirks: Quirks::default(),
     }

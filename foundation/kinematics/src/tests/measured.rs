@@ -210,3 +210,54 @@ fn noise_of_the_encoders_is_averaged() {
     // Uniform noise has a deviation of 0.02 / √3 m/s; of vx remains √(2/8) of it.
     assert!(near(libm::sqrt(sum / 2000.0), 0.02 / libm::sqrt(3.0) / 2.0, 3e-4));
 }
+
+/// Forces at the wheels of a base with equal motors that are to move it: of a force and a moment on the body.
+fn shared(base: &Chassis, force: Twist) -> std::vec::Vec<f64> {
+    base.wheel_states(base.feasible(force).twist, &[]).iter().map(|wheel| wheel.speed_mps).collect()
+}
+
+#[test]
+fn forces_that_move_a_base_have_no_part_that_cancels_another() {
+    let mut random = Random::new(21);
+    for base in [
+        Chassis::mecanum(0.45, 0.42, LIMITS).unwrap(),
+        Chassis::skid_steer(0.9, &[0.5, 0.0, -0.4], LIMITS).unwrap(),
+        Chassis::omni(0.25, 4, 0.3, LIMITS).unwrap(),
+    ] {
+        for _ in 0..200 {
+            let forces = shared(&base, any_twist(&mut random));
+            let parts = base.strain(&forces).unwrap();
+            assert!(parts.iter().all(|part| part.abs() < 1e-9), "{forces:?} {parts:?}");
+        }
+    }
+}
+
+#[test]
+fn of_a_mecanum_base_the_front_wheels_against_the_rear_ones_move_nothing() {
+    let base = Chassis::mecanum(0.45, 0.42, LIMITS).unwrap();
+    let parts = |forces: [f64; 4]| base.strain(&forces).unwrap();
+    let equal = |found: &[f64], wanted: [f64; 4]| found.iter().zip(wanted).all(|(one, other)| near(*one, other, 1e-9));
+    // Axes: front left, front right, rear left, rear right.
+    assert!(equal(&parts([40.0, 40.0, -40.0, -40.0]), [40.0, 40.0, -40.0, -40.0]));
+    assert!(equal(&parts([52.0, 44.0, -28.0, -36.0]), [40.0, 40.0, -40.0, -40.0]));
+    // One wheel alone moves the base by three quarters of its force, and strains it by a quarter.
+    for wheel in 0..4 {
+        let mut forces = [0.0; 4];
+        forces[wheel] = 8.0;
+        let found = parts(forces);
+        assert!(found.iter().all(|part| near(part.abs(), 2.0, 1e-9)) && found[wheel] > 0.0, "{found:?}");
+    }
+}
+
+#[test]
+fn strain_is_unknown_without_all_forces_and_of_a_base_that_is_not_redundant() {
+    let mecanum = Chassis::mecanum(0.45, 0.42, LIMITS).unwrap();
+    for wrong in [f64::NAN, f64::INFINITY, -1e7] {
+        assert_eq!(mecanum.strain(&[1.0, wrong, 1.0, 1.0]), None);
+    }
+    assert_eq!((mecanum.strain(&[1.0; 3]), mecanum.strain(&[1.0; 5]), mecanum.strain(&[])), (None, None, None));
+    assert_eq!(Chassis::differential(0.42, LIMITS).unwrap().strain(&[1.0, -1.0]), None);
+    assert_eq!(Chassis::omni(0.25, 3, 0.3, LIMITS).unwrap().strain(&[1.0; 3]), None);
+    let steered = Chassis::bicycle(&steered(End::Front, Driven::All, STEERING)).unwrap();
+    assert_eq!(steered.strain(&[1.0, 1.0]), None);
+}

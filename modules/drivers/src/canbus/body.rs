@@ -54,6 +54,8 @@ pub(super) struct Body {
     rotation_max: f64,
     /// The guard's fields are those of a base that steers.
     guarded: bool,
+    /// Part of its rated torque by which a wheel of `[base]` may work against the others.
+    strain: Option<f64>,
     /// Last set-points of wheels that accelerate together, and when they were made.
     present: PerWheel<WheelState>,
     at: Instant,
@@ -83,6 +85,7 @@ impl Body {
             speed_max: limits.speed_mps,
             rotation_max: if steers { by_steering } else { limits.rotation_radps },
             guarded: config.protection.guarded,
+            strain: config.base.map(|base| base.strain),
             present,
             at: Instant::ZERO,
             due: None,
@@ -231,6 +234,15 @@ impl Body {
     /// True if wheels can contradict each other.
     pub(super) fn is_redundant(&self) -> bool {
         !self.steers && self.chassis.redundancy() > 0
+    }
+
+    /// Part of its rated torque by which a wheel may work against the others; `None`: wheels cannot.
+    pub(super) fn strain_allowed(&self) -> Option<f64> {
+        self.strain.filter(|_| self.is_redundant())
+    }
+
+    pub(super) fn chassis(&self) -> &Chassis {
+        &self.chassis
     }
 
     /// Which of these wheels disagree by more than `tolerance`, m/s; `None` if that is not known.

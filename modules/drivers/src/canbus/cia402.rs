@@ -121,6 +121,8 @@ pub(super) struct Wanted {
     pub limits: Limits,
     /// Least and greatest position.
     pub range: Option<[f64; 2]>,
+    /// The torque is judged.
+    pub torque: bool,
 }
 
 impl Cia402Config {
@@ -224,6 +226,7 @@ impl Cia402 {
             homing: homes.then_some(self.keys.homing_method),
             sync: config.sync,
             master: config.node_id,
+            torque: wanted.torque,
             second_way: has_second_way(&config.stop, config.has_pause_line),
             quirks: self.keys.quirks(),
         };

@@ -568,6 +568,16 @@ impl Drive {
         self.motor.advance(now, self.booted, may_ask, master);
     }
 
+    /// The torque in a PDO, per mille of the rated one.
+    pub(super) fn on_torque(&mut self, now: Instant, per_mille: i16) {
+        self.motor.on_torque(now, per_mille);
+    }
+
+    /// Rated torque of the motor, N m, above 0; `None` until it is read.
+    pub(super) fn rated_torque(&self) -> Option<f64> {
+        self.motor.motor().rated_torque
+    }
+
     /// A transfer has ended; false if it is not one that reads something of the motor.
     pub(super) fn on_motor(
         &mut self,

@@ -1,5 +1,6 @@
 //! Current, torque and temperature of a drive's motor, read by SDO while the drive is booted: in a PDO a current would
-//! send a frame at each end of the inhibit time, and the PDOs of the drives stay as they are.
+//! send a frame at each end of the inhibit time, and the PDOs of the drives stay as they are. A torque that comes in a
+//! PDO all the same, because it is judged, is not read.
 //!
 //! Timing    one object in [`PERIOD`], at the moment at which the drive has shown that it is there, by a PDO or an
 //!           answer, and while no answer is awaited on which the motion depends: a request to a drive that is gone
@@ -9,7 +10,7 @@
 //!           another length, not before its next boot-up. A value counts for [`AGE_MAX`]
 
 use base::{Duration, Instant};
-use canopen::drives::motor::{Motor, Reading};
+use canopen::drives::motor::{Motor, Reading, Topic, Unit};
 use canopen::master::Ticket;
 use canopen::{Master, sdo};
 
@@ -26,11 +27,13 @@ struct Item {
     reading: Reading,
     at: Option<Instant>,
     refused: bool,
+    /// The drive sends it.
+    sent: bool,
 }
 
 impl Item {
     fn is_due(&self) -> bool {
-        !(self.refused || self.reading.topic.is_rating() && self.at.is_some())
+        !(self.refused || self.sent || self.reading.topic.is_rating() && self.at.is_some())
     }
 }
 
@@ -51,7 +54,8 @@ pub(super) struct MotorWatch {
 
 impl MotorWatch {
     pub(super) fn new(node: u8, readings: &[Reading]) -> Self {
-        let items = readings.iter().map(|reading| Item { reading: *reading, at: None, refused: false }).collect();
+        let items =
+            readings.iter().map(|reading| Item { reading: *reading, at: None, refused: false, sent: false }).collect();
         Self { node, items, next: 0, ticket: None, due: None, motor: Motor::default(), running: false }
     }
 
@@ -60,14 +64,16 @@ impl MotorWatch {
     pub(super) fn advance(&mut self, now: Instant, running: bool, may_ask: bool, master: &mut Master) {
         if !running {
             if std::mem::take(&mut self.running) {
-                self.items.iter_mut().for_each(|item| (item.at, item.refused) = (None, false));
+                let forget = |item: &mut Item| (item.at, item.refused, item.sent) = (None, false, false);
+                self.items.iter_mut().for_each(forget);
                 (self.motor, self.ticket, self.due) = (Motor::default(), None, None);
             }
             return;
         }
         self.running = true;
-        for item in &self.items {
+        for item in &mut self.items {
             if item.at.is_some_and(|at| now.since(at) > AGE_MAX) {
+                item.sent = false;
                 self.motor.forget(item.reading.topic);
             }
         }
@@ -81,6 +87,17 @@ impl MotorWatch {
         self.next = next;
         let Reading { index, sub, .. } = self.items[next].reading;
         self.ticket = master.sdo_read(now, self.node, index, sub).ok();
+    }
+
+    /// The torque came in a PDO of the booted drive, per mille of the rated one.
+    pub(super) fn on_torque(&mut self, now: Instant, per_mille: i16) {
+        if !self.running {
+            return;
+        }
+        self.motor.torque = Some((per_mille.into(), Unit::PerMille));
+        for item in self.items.iter_mut().filter(|item| item.reading.topic == Topic::Torque) {
+            (item.at, item.sent) = (Some(now), true);
+        }
     }
 
     /// A transfer has ended. Absent if it is not one of these; else the reading that is given up by it, if one is.

@@ -5,7 +5,7 @@ use super::controller::Controller;
 use super::drive::{Drive, Objection, Trouble};
 use super::lines::LineEngine;
 use super::second_way::WheelWatch;
-use super::servo::Servo;
+use super::servo::{Force, Servo};
 use super::speed_monitor::Order;
 use super::{Axis, Config, ConfigError, PropulsionConfig, STANDSTILL_MPS};
 use base::can::Frame;
@@ -118,7 +118,8 @@ impl Propulsion {
 
     /// A PDO of the CANopen drive.
     pub(super) fn on_pdo(&mut self, now: Instant, number: u8, data: &[u8], out: &mut Actions) {
-        let Some((speed, statusword)) = self.servo().and_then(|servo| servo.unpack(number, data)) else { return };
+        let Motor::Canopen(servo) = &mut self.motor else { return };
+        let Some((speed, statusword)) = servo.take_pdo(now, number, data) else { return };
         if let Some(speed) = speed {
             self.on_speed(now, speed);
         }
@@ -272,6 +273,11 @@ impl Propulsion {
             Motor::Controller(controller) => controller.poll_timeout(),
         };
         earliest([of_motor, self.watch.unwatched])
+    }
+
+    /// The motor's force at the floor, if its drive reports its torque, and has done so recently.
+    pub(super) fn force(&self, now: Instant) -> Option<Force> {
+        self.servo()?.force(now)
     }
 
     /// Measured speed, m/s; NaN if unknown.

@@ -3,31 +3,50 @@
 use super::cia402::Wanted;
 use super::drive::Drive;
 use super::{Config, ConfigError, PropulsionConfig, PropulsionDrive};
-use base::Instant;
 use base::can::Frame;
+use base::{Duration, Instant};
 use canopen::axis::modes::Mode;
 use canopen::axis::{Goal, PowerState, Units, control};
-use canopen::drives::cia402::{Parameters, Table};
+use canopen::drives::cia402::{Parameters, Status, Table};
 use canopen::drives::derive::{self, Derived, Reason, Refusal};
 use canopen::drives::epos;
 use canopen::{Master, NodeConfig};
 use module::Actions;
 use settings::robot::Limits;
+use std::f64::consts::TAU;
+
+/// Age beyond which a torque is unknown: two in a row are lost.
+const TORQUE_AGE_MAX: Duration = Duration::from_millis(70);
+
+/// What a motor does at the floor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Force {
+    /// By its torque, without friction in the gear, N, forward positive.
+    pub newtons: f64,
+    /// At the rated torque, N, above 0.
+    pub rated: f64,
+    /// When it was received.
+    pub at: Instant,
+}
 
 pub(super) struct Servo {
     pub(super) drive: Drive,
     table: Table,
     parameters: Parameters,
     units: Units,
+    /// Turns of the motor per m; 0 of a drive that reports no torque.
+    turns: f64,
     /// Target velocity in the drive's unit.
     target: i32,
+    /// Torque, per mille of the rated one, and when it was received.
+    torque: Option<(i16, Instant)>,
 }
 
 impl Servo {
     /// `None`: the drive is no CANopen node.
     pub(super) fn new(own: &PropulsionConfig, config: &Config) -> Result<Option<Self>, ConfigError> {
         let limits = &config.limits;
-        let (table, parameters, units, reservations) = match &own.drive {
+        let (table, parameters, units, turns, reservations) = match &own.drive {
             PropulsionDrive::Epos { rpm_per_mps } => {
                 let (parameters, units) = epos(own.node, *rpm_per_mps, limits);
                 let (rpm, high) = (units.speed(limits.speed_mps), epos::VELOCITY_MAX_RPM);
@@ -36,7 +55,7 @@ impl Servo {
                     let refusal = Refusal { index: 0x607F, sub: 0, reason };
                     return Err(ConfigError::Drive { axis: own.axis, refusal });
                 }
-                (epos::TABLE.clone(), parameters, units, Vec::new())
+                (epos::TABLE.clone(), parameters, units, 0.0, Vec::new())
             }
             PropulsionDrive::Cia402 { drive, circumference } => {
                 let wanted = Wanted {
@@ -51,14 +70,15 @@ impl Servo {
                         quick_stop: limits.quick_stop_mps2,
                     },
                     range: None,
+                    torque: is_redundant(config),
                 };
-                let Derived { table, parameters, units, reservations, .. } = drive.derive(&wanted, config)?;
-                (table, parameters, units, reservations)
+                let Derived { table, parameters, units, turns, reservations, .. } = drive.derive(&wanted, config)?;
+                (table, parameters, units, turns, reservations)
             }
             PropulsionDrive::Controller(_) | PropulsionDrive::OnLine { .. } => return Ok(None),
         };
         let drive = Drive::new(own.axis.name(), own.node, &table, reservations);
-        Ok(Some(Self { drive, table, parameters, units, target: 0 }))
+        Ok(Some(Self { drive, table, parameters, units, turns, target: 0, torque: None }))
     }
 
     pub(super) fn node_config(&self) -> NodeConfig {
@@ -66,9 +86,26 @@ impl Servo {
     }
 
     /// A PDO was received; its speed, m/s, if it has one, and its statusword.
-    pub(super) fn unpack(&self, number: u8, data: &[u8]) -> Option<(Option<f64>, Option<u16>)> {
-        let status = self.table.unpack(number, data)?;
-        Some((status.value.map(|velocity| self.velocity_si(velocity)), status.statusword))
+    pub(super) fn take_pdo(&mut self, now: Instant, number: u8, data: &[u8]) -> Option<(Option<f64>, Option<u16>)> {
+        let Status { statusword, value, torque } = self.table.unpack(number, data)?;
+        if let Some(torque) = torque {
+            self.torque = Some((torque, now));
+            self.drive.on_torque(now, torque);
+        }
+        Some((value.map(|velocity| self.velocity_si(velocity)), statusword))
+    }
+
+    /// True if the drive sends its torque by itself.
+    pub(super) fn reports_torque(&self) -> bool {
+        self.table.reports_torque()
+    }
+
+    /// The motor's force at the floor; `None`: its torque was not received recently, or its rated torque is not known.
+    pub(super) fn force(&self, now: Instant) -> Option<Force> {
+        let (per_mille, at) = self.torque?;
+        let rated = TAU * self.turns * self.drive.rated_torque()?;
+        let known = self.drive.is_booted() && now.since(at) <= TORQUE_AGE_MAX && rated != 0.0;
+        known.then(|| Force { newtons: f64::from(per_mille) / 1000.0 * rated, rated: rated.abs(), at })
     }
 
     /// m/s of a velocity in the drive's unit.
@@ -113,6 +150,12 @@ impl Servo {
         let is_known = self.drive.is_booted() && self.drive.axis.state().is_some();
         !is_known || self.is_quick_stopped()
     }
+}
+
+/// True if wheels can work against each other.
+fn is_redundant(config: &Config) -> bool {
+    let chassis = config.base.and_then(|base| base.chassis(&config.limits).ok());
+    chassis.is_some_and(|chassis| chassis.redundancy() > 0)
 }
 
 /// Values and units of an EPOS. Its speeds are rpm and rpm/s; its position is not used.

@@ -518,6 +518,7 @@ fn by_sheet(drive: &Cia402, own: &SteeringConfig, config: &Config) -> Result<Bui
             quick_stop: own.speed / QUICK_STOP_RAMP_S,
         },
         range: Some([-end, end]),
+        torque: false,
     };
     let derived = drive.derive(&wanted, config)?;
     Ok(Built {

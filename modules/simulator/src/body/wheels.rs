@@ -4,6 +4,11 @@
 //! does not hold it is dragged along. Within a step the forces of all motors and losses act at once: each is what
 //! brings its wheel to the demanded speed, within the motor's force, found by sequential impulses (Catto, *Iterative
 //! Dynamics with Temporal Coherence*, 2005).
+//!
+//! Of a base with more wheels than motions the demands may contradict each other, by the resolution of a velocity
+//! object alone. A wheel that transmits a force rolls more than the floor passes under it, in proportion to both
+//! ([`Errors::slip`](super::Errors)): by that the contradiction becomes a force that the motors have against each other,
+//! and without slip it is all that they can. The force that moves the base is not changed by it.
 
 use super::{DT, Demand, GRAVITY, Parameters};
 use crate::random::Random;
@@ -24,6 +29,8 @@ pub(super) struct Wheels {
     inverse_mass: [f64; 3],
     /// Of each independent motion.
     amounts: [f64; 3],
+    /// For each wheel: what of the forces of all of them it has against the others. Empty if they cannot have any.
+    against_others: PerWheel<PerWheel<f64>>,
 }
 
 /// A wheel and its motor.
@@ -70,7 +77,12 @@ impl Wheels {
             parameters.mass * (motion.vx * motion.vx + motion.vy * motion.vy) + inertia * motion.omega * motion.omega
         };
         let inverse_mass = core::array::from_fn(|n| motions.get(n).map_or(0.0, |motion| 1.0 / mass(motion)));
-        Self { motions, wheels, inverse_mass, amounts: [0.0; 3] }
+        let one = |wheel: usize| -> PerWheel<f64> {
+            (0..chassis.wheels().len()).map(|other| if other == wheel { 1.0 } else { 0.0 }).collect()
+        };
+        // The projection is symmetric.
+        let against_others = (0..chassis.wheels().len()).map_while(|wheel| chassis.strain(&one(wheel))).collect();
+        Self { motions, wheels, inverse_mass, amounts: [0.0; 3], against_others }
     }
 
     /// Velocity of the base.
@@ -118,11 +130,19 @@ impl Wheels {
         let efforts: PerWheel<Effort> =
             (0..self.wheels.len()).map(|number| self.effort(number, parameters, demand)).collect();
         let mut impulses: PerWheel<f64> = efforts.iter().map(|_| 0.0).collect();
+        let creep = self.creep(parameters);
         for _ in 0..ROUNDS {
             let mut correction = 0.0f64;
-            for ((wheel, effort), impulse) in self.wheels.iter().zip(&efforts).zip(&mut impulses) {
+            for (number, (wheel, effort)) in self.wheels.iter().zip(&efforts).enumerate() {
                 let gain: f64 = wheel.row.iter().zip(&self.inverse_mass).map(|(part, mass)| part * part * mass).sum();
-                let wanted = *impulse + (effort.speed - wheel.speed(&self.amounts)) / gain;
+                let (mut missing, mut yielding) = (effort.speed - wheel.speed(&self.amounts), gain);
+                if let Some(shares) = self.against_others.get(number) {
+                    missing -=
+                        creep * shares.iter().zip(&impulses).map(|(share, impulse)| share * impulse).sum::<f64>();
+                    yielding += creep * shares[number];
+                }
+                let impulse = &mut impulses[number];
+                let wanted = *impulse + missing / yielding;
                 let allowed = wanted.clamp(effort.least * DT, effort.greatest * DT);
                 let change = allowed - core::mem::replace(impulse, allowed);
                 for ((amount, part), mass) in self.amounts.iter_mut().zip(&wheel.row).zip(&self.inverse_mass) {
@@ -144,6 +164,15 @@ impl Wheels {
         }
         let mean = core::array::from_fn(|n| (old[n] + self.amounts[n]) / 2.0 * DT);
         self.combined(&mean)
+    }
+
+    /// How much faster than the floor a wheel rolls per impulse of a step against the others, (m/s)/(N s): the slip of
+    /// a wheel whose force is the weight on it, at the mean speed of the wheels.
+    fn creep(&self, parameters: &Parameters) -> f64 {
+        let count = self.wheels.len() as f64;
+        let mean = self.wheels.iter().map(|wheel| libm::fabs(wheel.speed(&self.amounts))).sum::<f64>() / count;
+        let weight = parameters.mass * GRAVITY / count;
+        parameters.errors.slip * mean / weight / DT
     }
 
     fn effort(&self, number: usize, parameters: &Parameters, demand: &Demand) -> Effort {
@@ -335,6 +364,31 @@ mod tests {
             run(&mut body, 3.0, demand);
             assert_near(body.twist(), twist, 1e-6);
             assert!((0..4).all(|wheel| body.force(wheel).abs() > 40.0), "{:?}", body.force(0));
+        }
+    }
+
+    #[test]
+    fn demands_that_contradict_each_other_a_little_are_a_force_by_their_creep_and_move_nothing() {
+        let (chassis, twist) = (Chassis::mecanum(0.45, 0.42, LIMITS).unwrap(), Twist::new(0.3, 0.0, 0.0));
+        for (slip, off, expected) in [(0.1, 1e-3, 1e-3 / 4.0 * 233.0 / (0.1 * 0.3)), (0.1, 0.5, 30.0), (0.0, 1e-3, 3.0)]
+        {
+            let errors = Errors { slip, ..Errors::default() };
+            let mut body = Body::new(Parameters { errors, ..parameters() }, Pose::default()).on_wheels(&chassis);
+            let mut demand = demand(&chassis, twist);
+            run(&mut body, 2.0, demand);
+            let before: Vec<f64> = (0..4).map(|wheel| body.force(wheel)).collect();
+            demand.wheels[1] = demand.wheels[1].map(|speed| speed + off);
+            run(&mut body, 1.0, demand);
+            assert_near(body.twist(), twist, off.min(0.02));
+            // Both front wheels against both rear ones.
+            for (wheel, sign) in [1.0, 1.0, -1.0, -1.0].into_iter().enumerate() {
+                let force = sign * (body.force(wheel) - before[wheel]);
+                let exact = slip > 0.0 && off < 0.1;
+                assert!(
+                    if exact { (force - expected).abs() < 0.05 } else { force > expected },
+                    "{slip} {off}: {force}"
+                );
+            }
         }
     }
 

@@ -76,6 +76,8 @@ pub struct Description {
     pub sync: Option<Duration>,
     /// Node id of the master.
     pub master: u8,
+    /// True if the torque is wanted in a TPDO, where the drive can send it: wheels can work against each other.
+    pub torque: bool,
     /// True if the motor can be stopped by another way than the drive.
     pub second_way: bool,
     /// See there.

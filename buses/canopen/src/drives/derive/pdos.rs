@@ -5,7 +5,7 @@ use super::refusal::{Reason, Refusal};
 use super::sheet::Sheet;
 use crate::axis::modes::Mode;
 use crate::dictionary::{Access, DataType};
-use crate::drives::cia402::{CONTROLWORD, INHIBIT, Pdo, Quantity, STATUSWORD, Setting, Transmission};
+use crate::drives::cia402::{CONTROLWORD, INHIBIT, Pdo, Quantity, STATUSWORD, Setting, TORQUE, Transmission};
 use crate::pdo::{INVALID, Layout, Mapped};
 use alloc::borrow::Cow;
 use alloc::vec;
@@ -18,6 +18,12 @@ const NUMBERS: core::ops::RangeInclusive<u8> = 1..=4;
 /// Other TPDOs that are switched off, at most.
 const TPDOS_MAX: u16 = 32;
 const MODE: u16 = 0x6060;
+/// Transmission types of a PDO that is sent at an event.
+const EVENT: [u8; 2] = [255, 254];
+/// The torque is sent this often, ms; with an event timer whether it changes or not. It changes with each sample.
+const TORQUE_MS: u16 = 20;
+/// The same as an inhibit time, in 100 us.
+const TORQUE_INHIBIT: u16 = 10 * TORQUE_MS;
 
 /// PDOs of a drive in use.
 pub(super) struct Pdos {
@@ -38,7 +44,7 @@ pub(super) fn pdos(draft: &mut Draft<'_>, target: u32, value: u32) -> Result<Pdo
     let (sheet, mode) = (draft.sheet, draft.description.mode);
     let kinds: &[u8] = match mode {
         Mode::CyclicVelocity | Mode::CyclicPosition => &[1],
-        _ => &[255, 254],
+        _ => &EVENT,
     };
     // A mode in the RPDO would hinder homing, which changes it.
     let takes_mode = draft.description.homing.is_none();
@@ -48,21 +54,52 @@ pub(super) fn pdos(draft: &mut Draft<'_>, target: u32, value: u32) -> Result<Pdo
     };
     let receives = Side { sheet, first: RPDO, kinds };
     let usable = |entries: &[u32]| carries(entries, &[CONTROLWORD, target]) && entries.iter().all(|e| commands(*e));
-    let rpdo = receives.as_it_is(usable).map_or_else(|| receives.anew([CONTROLWORD, target]), Ok)?;
+    let rpdo = receives.as_it_is(usable).map_or_else(|| receives.anew(&[CONTROLWORD, target]), Ok)?;
 
     let sends = Side { sheet, first: TPDO, kinds };
     let both = sends.as_it_is(|entries| carries(entries, &[STATUSWORD, value]));
-    let anew = || sends.anew([STATUSWORD, value]).map(|pdo| vec![pdo]);
+    let anew = || sends.anew(&[STATUSWORD, value]).map(|pdo| vec![pdo]);
     let pair = || {
         let status = sends.as_it_is(|entries| carries(entries, &[STATUSWORD]))?;
         Some(vec![status, sends.as_it_is(|entries| carries(entries, &[value]))?])
     };
-    let tpdos = match both {
+    let mut tpdos = match both {
         Some(pdo) => vec![pdo],
         None => anew().or_else(|refusal| pair().ok_or(refusal))?,
     };
+    if draft.description.torque {
+        tpdos.extend(torque(Side { kinds: &EVENT, ..sends }, &tpdos));
+    }
     switch_off(draft, &tpdos);
     Ok(Pdos { rpdo, tpdos })
+}
+
+/// The torque in a TPDO of its own, as it is or mapped anew, which is sent in a period: by its inhibit time, and its
+/// event timer, if it has one. `None`: the drive has no torque of CiA 402-2, no such TPDO, or it cannot be set.
+fn torque(sends: Side<'_>, used: &[Pdo]) -> Option<Pdo> {
+    let sheet = sends.sheet;
+    let object = |index, data_type| sheet.typed(index, 0, data_type).ok().filter(|object| object.access.reads());
+    object(0x6076, DataType::U32).and(object(0x6077, DataType::I16))?;
+    let periodic = |pdo: Pdo| {
+        let record = sends.record(pdo.number);
+        let takes = |sub, value: u16| {
+            sheet.takes(record, sub, value.into()).is_ok_and(|object| object.data_type == DataType::U16)
+        };
+        let transmission = pdo.transmission.filter(|_| takes(3, TORQUE_INHIBIT))?;
+        let (inhibit, event_timer) = (Some(TORQUE_INHIBIT), takes(5, TORQUE_MS).then_some(TORQUE_MS));
+        Some(Pdo { transmission: Some(Transmission { inhibit, event_timer, ..transmission }), ..pdo })
+    };
+    let is_free = |number: &u8| used.iter().all(|pdo| pdo.number != *number);
+    let as_it_is = |number| {
+        let entries = sheet.eds.pdo(sends.record(number), sheet.node)?.entries;
+        (entries == [TORQUE]).then(|| sends.sent(number, entries).ok().and_then(periodic)).flatten()
+    };
+    let anew = |number| {
+        let mappable = sends.mappable(TORQUE).is_ok() && sends.can_be_mapped(sends.record(number));
+        mappable.then(|| sends.sent(number, vec![TORQUE]).ok().and_then(periodic)).flatten()
+    };
+    let mut free = NUMBERS.filter(is_free);
+    free.clone().find_map(as_it_is).or_else(|| free.find_map(anew))
 }
 
 /// True if a mapping has each of these once.
@@ -92,8 +129,8 @@ impl Side<'_> {
     }
 
     /// The first PDO whose mapping can be changed to these.
-    fn anew(&self, entries: [u32; 2]) -> Result<Pdo, Refusal> {
-        entries.into_iter().try_for_each(|entry| self.mappable(entry))?;
+    fn anew(&self, entries: &[u32]) -> Result<Pdo, Refusal> {
+        entries.iter().try_for_each(|entry| self.mappable(*entry))?;
         let refusal = Refusal::new(self.first | 0x200, 0, Reason::NoPdo);
         let mut all = NUMBERS.filter(|number| self.can_be_mapped(self.record(*number)));
         all.find_map(|number| self.sent(number, entries.to_vec()).ok()).ok_or(refusal)
@@ -145,7 +182,8 @@ impl Side<'_> {
     fn transmission(&self, record: u16, kind: u8) -> Transmission {
         let inhibit = self.sheet.takes(record, 3, INHIBIT.into());
         let inhibit = inhibit.is_ok_and(|inhibit| inhibit.data_type == DataType::U16);
-        Transmission { kind, inhibit: (inhibit && self.first == TPDO && kind >= 254).then_some(INHIBIT) }
+        let inhibit = (inhibit && self.first == TPDO && kind >= 254).then_some(INHIBIT);
+        Transmission { kind, inhibit, event_timer: None }
     }
 }
 

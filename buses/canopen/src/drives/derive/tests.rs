@@ -28,6 +28,7 @@ fn wheel() -> Description {
         homing: None,
         sync: None,
         master: 127,
+        torque: false,
         second_way: false,
         quirks: Quirks::default(),
     }
@@ -274,6 +275,66 @@ fn pdos_are_taken_as_they_are_or_mapped_anew_and_the_others_are_off() {
     assert_eq!(status, [Some((Some(0x237), None)), Some((None, Some(-2)))]);
 }
 
+/// With a torque, and its rated value.
+fn with_torque() -> String {
+    let object = |index, name, kind, access, mapping| {
+        let head = format!("\n[{index}]\nParameterName={name}\nObjectType=0x7\nDataType=0x{kind}\n");
+        head + &format!("AccessType={access}\nDefaultValue=0\nPDOMapping={mapping}\n")
+    };
+    GENERIC.to_string()
+        + &object("6076", "Motor rated torque", "0007", "ro", 0)
+        + &object("6077", "Torque actual value", "0003", "ro", 1)
+}
+
+#[test]
+fn a_torque_that_is_wanted_gets_a_tpdo_of_its_own_that_is_sent_in_a_period() {
+    let wanted = Description { torque: true, ..wheel() };
+    let numbers = |derived: &Derived| derived.table.tpdos.iter().map(|pdo| pdo.number).collect::<Vec<_>>();
+    let both = derived(&with_torque(), &wanted).unwrap();
+    assert_eq!((numbers(&both), both.table.reports_torque()), ([4, 1].into(), true));
+    assert_eq!(both.table.tpdos[1].entries[..], [0x6077_0010]);
+    let of_record = [2, 3, 5, 1].map(|sub| written(&both, 0x1800, sub));
+    assert_eq!(of_record, [Some(255), Some(200), Some(20), Some(0x4000_0185)]);
+    // 20 turns of the motor in 0.5 m.
+    assert_eq!(both.turns, 40.0);
+    let unpacked = |number, data: &[u8]| both.table.unpack(number, data).map(|status| (status.torque, status.value));
+    assert_eq!(unpacked(1, &[0x00, 0x80]), Some((Some(i16::MIN), None)));
+    assert_eq!((unpacked(1, &[0xFF, 0x7F]), unpacked(1, &[1])), (Some((Some(i16::MAX), None)), None));
+    assert_eq!(unpacked(4, &[0x37, 0x02, 5, 0, 0, 0]), Some((None, Some(5))));
+
+    // One that has it already is taken as it is.
+    let mapped = with(&with(&with_torque(), "1A01sub1", "DefaultValue", "0x60770010"), "1A01sub0", "DefaultValue", "1");
+    assert_eq!(numbers(&derived(&mapped, &wanted).unwrap()), [4, 2]);
+    // This drive has no event timer.
+    let eds = Eds::parse(EPOS4).unwrap();
+    let epos4 = derive(&eds, NODE, &Description { velocity_unit: None, ..wanted.clone() }).unwrap();
+    assert_eq!((numbers(&epos4), epos4.table.reports_torque()), ([1, 2].into(), true));
+    assert_eq!((written(&epos4, 0x1801, 3), written(&epos4, 0x1801, 5)), (Some(200), None));
+}
+
+#[test]
+fn a_drive_without_a_torque_or_a_tpdo_for_it_is_driven_as_one_of_which_none_is_wanted() {
+    let wanted = Description { torque: true, ..wheel() };
+    let fixed = |key: &str| {
+        (0..3).fold(with_torque(), |text, number| with(&text, &format!("180{number}{key}"), "AccessType", "ro"))
+    };
+    for text in [
+        GENERIC.to_string(),
+        without(&with_torque(), "6076").replace("[6076]", "[6A76]"),
+        with(&with_torque(), "6077", "DataType", "0x0004"),
+        with(&with_torque(), "6077", "PDOMapping", "0"),
+        with(&with_torque(), "6077", "AccessType", "wo"),
+        fixed("sub2"),
+        fixed("sub3"),
+    ] {
+        let (one, other) = (derived(&text, &wanted).unwrap(), derived(&text, &wheel()).unwrap());
+        assert_eq!(one.table, other.table);
+        assert!(!one.table.reports_torque());
+    }
+    let not_wanted = derived(&with_torque(), &wheel()).unwrap();
+    assert!(!not_wanted.table.reports_torque());
+}
+
 #[test]
 fn a_mode_and_gaps_in_an_rpdo_are_filled() {
     let entries = [("1", "0x00050008"), ("2", "0x60FF0020"), ("3", "0x60400010")];
@@ -374,6 +435,7 @@ fn a_thousand_hostile_sheets_make_no_panic() {
         read += 1;
         for description in [wheel(), steering(), Description { velocity_unit: None, gear: None, ..wheel() }] {
             let description = Description {
+                torque: true,
                 second_way: random.below(2) == 0,
                 sync: Some(Duration::from_millis(10)),
                 homing: description.homing.filter(|_| random.below(2) == 0),

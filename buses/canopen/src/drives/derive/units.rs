@@ -76,8 +76,8 @@ impl Scale {
     }
 }
 
-/// The units, exact and as the engine needs them. What was taken from the sheet is compared at boot-up.
-pub(super) fn units(draft: &mut Draft<'_>) -> Result<(Scale, Units), Refusal> {
+/// The units, exact and as the engine needs them, and the turns of the motor per m or rad between. What was taken from the sheet is compared at boot-up.
+pub(super) fn units(draft: &mut Draft<'_>) -> Result<(Scale, f64, Units), Refusal> {
     let scale = scale(draft)?;
     let gear = match draft.description.gear {
         Some(gear) => gear,
@@ -87,7 +87,7 @@ pub(super) fn units(draft: &mut Draft<'_>) -> Result<(Scale, Units), Refusal> {
     if !turns.is_finite() || turns == 0.0 {
         return Err(Refusal::new(0x6091, 1, Reason::NoUnit));
     }
-    Ok((scale, scale.units(turns)))
+    Ok((scale, turns, scale.units(turns)))
 }
 
 fn scale(draft: &mut Draft<'_>) -> Result<Scale, Refusal> {

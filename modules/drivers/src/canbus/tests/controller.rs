@@ -34,7 +34,7 @@ fn on(device: fn(u8) -> Device) -> Config {
         writable: Vec::new(),
     };
     Config {
-        base: Some(Base { layout: Layout::Differential(Differential { track_m: 0.42 }) }),
+        base: Some(Base { layout: Layout::Differential(Differential { track_m: 0.42 }), strain: 0.3 }),
         wheels: [(1, Axis::Left), (2, Axis::Right)].map(wheel).into(),
         steering: None,
         critical: Vec::new(),

@@ -48,7 +48,7 @@ fn on(lines: Vec<LineConfig>) -> Config {
         line.motors.iter().enumerate().map(of)
     });
     Config {
-        base: Some(Base { layout: Layout::Differential(Differential { track_m: 0.42 }) }),
+        base: Some(Base { layout: Layout::Differential(Differential { track_m: 0.42 }), strain: 0.3 }),
         wheel_circumference: TAU * RADIUS,
         wheels: motors.collect(),
         bus: None,

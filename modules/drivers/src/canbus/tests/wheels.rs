@@ -1,16 +1,20 @@
 //! Bases without steering: a drive for each wheel, all commanded as one body.
 
-use super::super::protection;
+use super::super::{Cia402, Cia402Config, protection};
 use super::*;
+use canopen::eds::Eds;
+use settings::Section as _;
 use settings::robot::{Base, Circle, Differential, Layout, Rectangle};
+use std::sync::Arc;
 
 /// Motor speed at 1 m/s.
 const RPM_PER_MPS: f64 = 2483.0;
 /// Half of the track, m.
 const HALF_TRACK: f64 = 0.21;
-const DIFFERENTIAL: Base = Base { layout: Layout::Differential(Differential { track_m: 2.0 * HALF_TRACK }) };
-const MECANUM: Base = Base { layout: Layout::Mecanum(Rectangle { wheelbase_m: 0.4, track_m: 0.4 }) };
-const OMNI: Base = Base { layout: Layout::Omni(Circle { radius_m: 0.25, wheels: 3, first_rad: 0.0 }) };
+const DIFFERENTIAL: Base =
+    Base { layout: Layout::Differential(Differential { track_m: 2.0 * HALF_TRACK }), strain: 0.3 };
+const MECANUM: Base = Base { layout: Layout::Mecanum(Rectangle { wheelbase_m: 0.4, track_m: 0.4 }), strain: 0.3 };
+const OMNI: Base = Base { layout: Layout::Omni(Circle { radius_m: 0.25, wheels: 3, first_rad: 0.0 }), strain: 0.3 };
 
 fn configured(base: Base) -> Config {
     let axes = [
@@ -297,4 +301,130 @@ fn a_robot_that_senses_nothing_turns_no_faster_than_its_outline_may_move() {
     drive(&mut robot, (0.0, 0.0, 1.0), 1500);
     assert_velocity(&robot, (0.0, 0.0, 0.6));
     assert_eq!(robot.holds(), [(Hold::GuardBlind, "")]);
+}
+
+/// A wheel drive that sends its torque.
+const TORQUE_SHEET: &[u8] = include_bytes!("../../../../../conf/porter/wheel.eds");
+const GEAR: f64 = 20.0;
+
+/// Four mecanum wheels on such drives, booted; `change` makes its devices from its sheet.
+fn with_torque(change: fn(&str) -> String) -> Robot {
+    let sheet = Arc::new(Eds::parse(TORQUE_SHEET).expect("a sheet"));
+    let mut config = configured(MECANUM);
+    for wheel in &mut config.wheels {
+        let keys = Cia402Config { gear: Some(GEAR), ..Cia402Config::usual() };
+        let drive = Cia402 { keys, sheet: Some(sheet.clone()) };
+        wheel.drive = PropulsionDrive::Cia402 { drive, circumference: 60.0 * GEAR / RPM_PER_MPS };
+    }
+    let text = std::str::from_utf8(TORQUE_SHEET).expect("ASCII");
+    let device = Eds::parse(change(text).as_bytes()).expect("a sheet");
+    let mut robot = Robot::with(device.dictionary(1), config);
+    robot.icla = Fake::new(device.dictionary(2), 6);
+    robot.more = [3, 4].map(|node| Fake::new(device.dictionary(node), 6)).into();
+    robot.pass(2500);
+    assert_eq!(robot.bench.shell.state(), State::Run, "{:?}", robot.notes);
+    robot
+}
+
+/// The motors have these torques, per mille of the rated one.
+fn set_torques(robot: &mut Robot, torques: [i64; 4]) {
+    let drives = [&mut robot.epos, &mut robot.icla].into_iter().chain(&mut robot.more);
+    drives.zip(torques).for_each(|(drive, torque)| drive.node.set(0x6077, 0, torque));
+}
+
+/// Both front wheels against both rear ones.
+const FIGHT: [i64; 4] = [1000, 1000, -1000, -1000];
+
+#[test]
+fn wheels_that_work_against_each_other_stop_the_robot() {
+    let mut robot = with_torque(str::to_owned);
+    drive(&mut robot, (0.3, 0.0, 0.1), 1500);
+    set_torques(&mut robot, FIGHT);
+    drive(&mut robot, (0.3, 0.0, 0.1), 150);
+    assert_eq!((robot.holds(), robot.errors.len()), (vec![], 0), "{:?}", robot.errors);
+    drive(&mut robot, (0.3, 0.0, 0.1), 50);
+    assert_wheels(&robot, &[0.0; 4]);
+    // These wheels stand at once, and then it is over.
+    let reported = [(Fault::WheelsDisagree, Severity::Error), (Fault::WheelsDisagree, Severity::Notice)];
+    assert_eq!(robot.errors, reported);
+    drive(&mut robot, (0.3, 0.0, 0.1), 500);
+    assert_wheels(&robot, &[0.0; 4]);
+    assert_eq!(robot.holds(), [(Hold::NotReleased, "test")]);
+    // It has not ended: the next motion ends, too, when the set-points are reached.
+    drive(&mut robot, (0.0, 0.0, 0.0), 200);
+    drive(&mut robot, (0.3, 0.0, 0.1), 500);
+    assert_eq!(robot.errors.len(), 2, "{:?}", robot.errors);
+    drive(&mut robot, (0.3, 0.0, 0.1), 500);
+    assert_eq!(robot.errors[2..], reported);
+    set_torques(&mut robot, [0; 4]);
+    drive(&mut robot, (0.0, 0.0, 0.0), 200);
+    drive(&mut robot, (0.3, 0.0, 0.1), 1500);
+    assert!(robot.errors.len() == 4 && robot.holds().is_empty(), "{:?}", robot.errors);
+}
+
+#[test]
+fn torques_that_move_the_robot_hold_it_or_do_not_last_are_no_fault() {
+    let mut robot = with_torque(str::to_owned);
+    drive(&mut robot, (0.3, 0.0, 0.0), 1500);
+    for torques in [
+        // Ahead, to the side, a turn, back, and all that a PDO can say.
+        [3000, 3000, 3000, 3000],
+        [-2000, 2000, 2000, -2000],
+        [-2000, 2000, -2000, 2000],
+        [-1500; 4],
+        [i64::from(i16::MAX); 4],
+        [i64::from(i16::MIN); 4],
+        // A fifth of the rated torque, where three tenths are allowed.
+        [200, 200, -200, -200],
+    ] {
+        set_torques(&mut robot, torques);
+        drive(&mut robot, (0.3, 0.0, 0.0), 600);
+        assert_eq!((robot.holds(), robot.errors.len()), (vec![], 0), "{torques:?}: {:?}", robot.errors);
+    }
+    // A gap in the floor.
+    for torques in [FIGHT, [0; 4], FIGHT, [0; 4]] {
+        set_torques(&mut robot, torques);
+        drive(&mut robot, (0.3, 0.0, 0.0), 100);
+    }
+    // A robot that stands enabled.
+    drive(&mut robot, (0.0, 0.0, 0.0), 1000);
+    set_torques(&mut robot, FIGHT);
+    drive(&mut robot, (0.0, 0.0, 0.0), 1000);
+    assert_eq!((robot.holds(), robot.errors.len()), (vec![], 0), "{:?}", robot.errors);
+}
+
+#[test]
+fn without_a_torque_nothing_stops_and_that_is_reported_once() {
+    let unseen = "no torque of all wheels is received";
+    let count = |robot: &Robot, text: &str| robot.notes.iter().filter(|note| note.contains(text)).count();
+    // A rated torque that was never set.
+    let mut robot = with_torque(|text| text.replacen("DefaultValue=150\n", "DefaultValue=0\n", 1));
+    set_torques(&mut robot, FIGHT);
+    for reported in [1, 1] {
+        drive(&mut robot, (0.3, 0.0, 0.0), 3000);
+        assert_eq!((robot.holds(), robot.errors.len(), count(&robot, unseen)), (vec![], 0, reported));
+    }
+    // One that is known.
+    let mut robot = with_torque(str::to_owned);
+    drive(&mut robot, (0.3, 0.0, 0.0), 3000);
+    assert_eq!((count(&robot, unseen), count(&robot, "in a PDO")), (0, 0), "{:?}", robot.notes);
+    // Drives that send none.
+    let mut robot = ready(configured(MECANUM));
+    robot.pass(1);
+    let blind = "no torque of front_left, front_right, rear_left, rear_right in a PDO";
+    assert_eq!(count(&robot, blind), 1, "{:?}", robot.notes);
+    assert_eq!(count(&ready(configured(DIFFERENTIAL)), "in a PDO"), 0);
+}
+
+#[test]
+fn a_torque_in_a_pdo_is_published_and_not_read() {
+    let mut robot = with_torque(str::to_owned);
+    set_torques(&mut robot, [-500; 4]);
+    drive(&mut robot, (0.3, 0.0, 0.0), 1000);
+    let row = &robot.wheels.wheels[0];
+    assert_eq!((row.torque, row.load), (-0.075, 0.5));
+    robot.frames.clear();
+    robot.pass(3000);
+    let read = robot.frames.iter().filter(|(_, frame)| frame.data().starts_with(&[0x40, 0x77, 0x60]));
+    assert_eq!(read.count(), 0);
 }
