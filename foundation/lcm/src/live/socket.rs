@@ -22,16 +22,16 @@ use super::{RealtimeNanos, clock, context, sys};
 use crate::filter::{self, Instruction};
 use crate::udpm::DATAGRAM_MAX;
 use crate::url::{Interface, Udpm};
-use nix::cmsg_space;
 use nix::errno::Errno;
 use nix::ifaddrs::getifaddrs;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::socket::{
-    AddressFamily, ControlMessageOwned, IpMembershipRequest, MsgFlags, SockFlag, SockType, SockaddrIn, bind, connect,
-    getsockname, getsockopt, recvmsg, sendmsg, setsockopt, socket, sockopt,
+    AddressFamily, IpMembershipRequest, MsgFlags, SockFlag, SockType, SockaddrIn, bind, connect, getsockname,
+    getsockopt, send, sendmsg, setsockopt, socket, sockopt,
 };
-use nix::sys::time::{TimeSpec, TimeVal, TimeValLike};
-use std::io::{self, IoSlice, IoSliceMut};
+use nix::sys::time::{TimeVal, TimeValLike};
+use std::io::{self, IoSlice};
+use std::mem;
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::time::{Duration, Instant};
@@ -85,10 +85,7 @@ pub struct ReceiveSocket {
     /// Time limit of a call, as last passed to the kernel; `None`: no call has waited yet.
     patience: Option<Duration>,
     fullness: Fullness,
-    control: Vec<u8>,
-    /// The kernel's counter as last seen, which wraps, and the same one widened.
-    overflows: u32,
-    dropped: u64,
+    drops: Drops,
 }
 
 impl ReceiveSocket {
@@ -103,7 +100,6 @@ impl ReceiveSocket {
         setsockopt(&fd, sockopt::RcvBufForce, &url.recv_buf_size)
             .or_else(|_| setsockopt(&fd, sockopt::RcvBuf, &url.recv_buf_size))
             .map_err(context("cannot set SO_RCVBUF"))?;
-        let control = cmsg_space!(TimeSpec, u32);
         let fullness = Fullness::of(fd.as_fd())?;
         Ok(Self {
             fd,
@@ -114,9 +110,7 @@ impl ReceiveSocket {
             filtered: false,
             patience: None,
             fullness,
-            control,
-            overflows: 0,
-            dropped: 0,
+            drops: Drops::default(),
         })
     }
 
@@ -178,10 +172,12 @@ impl ReceiveSocket {
             }
             _ => MsgFlags::MSG_DONTWAIT,
         };
-        let mut parts = [IoSliceMut::new(buffer)];
+        // The kernel's counter has what the filter dropped in it, too: while there is one, only the counts of when the
+        // buffer was full are of use, and each costs a copy.
+        let filtered = self.filtered || self.local;
+        let counts = !filtered || self.fullness.is_near();
         let received = loop {
-            let control = Some(&mut self.control[..]);
-            match recvmsg::<SockaddrIn>(self.fd.as_raw_fd(), &mut parts, control, flags) {
+            match sys::receive(self.fd.as_fd(), buffer, counts, flags.bits()) {
                 // A signal ends the wait.
                 Err(Errno::EINTR) if flags.is_empty() => return Ok(None),
                 Err(Errno::EINTR) => {}
@@ -192,25 +188,13 @@ impl ReceiveSocket {
                 result => break result.map_err(context("cannot receive"))?,
             }
         };
-        let (mut at, mut overflows) = (None, self.overflows);
-        for message in received.cmsgs().map_err(context("cannot read the kernel's receive time"))? {
-            match message {
-                ControlMessageOwned::ScmTimestampns(time) => {
-                    at = Some(RealtimeNanos(time.num_nanoseconds()));
-                }
-                ControlMessageOwned::RxqOvfl(count) => overflows = count,
-                _ => {}
-            }
-        }
-        let from = received.address.map_or(SocketAddrV4::new(Ipv4Addr::UNSPECIFIED, 0), SocketAddrV4::from);
-        let at = at.ok_or_else(|| io::Error::other("the kernel gave no receive time"))?;
-        let len = received.bytes;
-        // The kernel's counter has what the filter dropped in it, too.
+        let sys::Datagram { from, len, at, overflows } = received;
+        let at = at.map(RealtimeNanos).ok_or_else(|| io::Error::other("the kernel gave no receive time"))?;
         let was_full = self.fullness.was_full(self.fd.as_fd(), len);
-        if !(self.filtered || self.local) || was_full {
-            self.dropped += u64::from(overflows.wrapping_sub(self.overflows));
+        match counts {
+            true => self.drops.note(overflows, !filtered || was_full),
+            false => self.drops.pass(),
         }
-        self.overflows = overflows;
         Ok(Some(Arrival { from, len, at }))
     }
 
@@ -230,7 +214,7 @@ impl ReceiveSocket {
 
     /// Datagrams that found the receive buffer full; while the kernel filters, also unwanted ones of the same moment.
     pub fn dropped(&self) -> u64 {
-        self.dropped
+        self.drops.counted
     }
 
     pub fn granted_size(&self) -> io::Result<usize> {
@@ -241,6 +225,33 @@ impl ReceiveSocket {
 
     pub fn as_fd(&self) -> BorrowedFd<'_> {
         self.fd.as_fd()
+    }
+}
+
+/// Count of the datagrams that found the receive buffer full.
+#[derive(Debug, Default)]
+struct Drops {
+    counted: u64,
+    /// The kernel's counter as last seen, which wraps.
+    seen: u32,
+    /// Datagrams have come since then without that counter.
+    stale: bool,
+}
+
+impl Drops {
+    /// A datagram came with the kernel's counter, or without one because it is 0 or has not changed. `all`: what was
+    /// dropped between the datagram before and this one found the buffer full.
+    fn note(&mut self, overflows: Option<u32>, all: bool) {
+        let now = overflows.unwrap_or(self.seen);
+        if !mem::replace(&mut self.stale, false) && all {
+            self.counted += u64::from(now.wrapping_sub(self.seen));
+        }
+        self.seen = now;
+    }
+
+    /// A datagram came of which the counter was not asked for.
+    fn pass(&mut self) {
+        self.stale = true;
     }
 }
 
@@ -270,6 +281,12 @@ impl Fullness {
         Ok(Self { quarter: size / 4, read: 0, full: false, emptied: false })
     }
 
+    /// True if the buffer was full lately, or may be found to have been full with the next datagram or the one after
+    /// it: of these the kernel's count of drops is needed.
+    fn is_near(&self) -> bool {
+        self.full || self.read + 2 * (DATAGRAM_MAX + Self::OVERHEAD) > self.quarter
+    }
+
     /// No datagram waits.
     pub fn empty(&mut self) {
         self.emptied = true;
@@ -294,6 +311,10 @@ impl Fullness {
     }
 }
 
+/// Largest datagram that is put together before it is sent, bytes: up to there a copy costs less than the kernel's look
+/// at two parts.
+const JOINED_MAX: usize = 2048;
+
 #[derive(Debug)]
 pub struct SendSocket {
     fd: OwnedFd,
@@ -305,6 +326,8 @@ pub struct SendSocket {
     /// The URL names the interface: there is no other way.
     pinned: bool,
     datagram_max: usize,
+    /// A datagram as it is sent.
+    joined: Vec<u8>,
 }
 
 impl SendSocket {
@@ -322,14 +345,14 @@ impl SendSocket {
             0 => DATAGRAM_MAX,
             _ => path_mtu(*source.ip(), to).saturating_sub(IP_AND_UDP_HEADER).min(DATAGRAM_MAX),
         };
-        Ok(Self { fd, group: to.into(), connected, ttl: url.ttl, source, pinned: interface.is_some(), datagram_max })
+        let (pinned, joined) = (interface.is_some(), Vec::with_capacity(JOINED_MAX));
+        Ok(Self { fd, group: to.into(), connected, ttl: url.ttl, source, pinned, datagram_max, joined })
     }
 
     /// Sends one datagram; if its interface has gone, from now on over `lo`, where all our processes listen. `moved`
     /// gets the new source address before the first datagram leaves from there.
     pub fn send(&mut self, header: &[u8], payload: &[u8], moved: impl FnOnce(SocketAddrV4)) -> nix::Result<()> {
-        let parts = [IoSlice::new(header), IoSlice::new(payload)];
-        match self.send_once(&parts) {
+        match self.send_once(header, payload) {
             // The interface is down, or has lost its address.
             Err(
                 error @ (Errno::ENETUNREACH | Errno::EHOSTUNREACH | Errno::ENETDOWN | Errno::ENODEV | Errno::EINVAL),
@@ -338,16 +361,27 @@ impl SendSocket {
                 self.connected = connect_sender(&fd, &self.group);
                 (self.fd, self.source, self.datagram_max) = (fd, source, DATAGRAM_MAX);
                 moved(source);
-                self.send_once(&parts)
+                self.send_once(header, payload)
             }
             result => result,
         }
     }
 
-    fn send_once(&self, parts: &[IoSlice<'_>]) -> nix::Result<()> {
+    fn send_once(&mut self, header: &[u8], payload: &[u8]) -> nix::Result<()> {
+        let (fd, flags) = (self.fd.as_raw_fd(), MsgFlags::MSG_DONTWAIT);
+        let joined = self.connected && header.len() + payload.len() <= JOINED_MAX;
+        if joined {
+            self.joined.clear();
+            self.joined.extend_from_slice(header);
+            self.joined.extend_from_slice(payload);
+        }
         let to = if self.connected { None } else { Some(&self.group) };
         loop {
-            match sendmsg(self.fd.as_raw_fd(), parts, &[], MsgFlags::MSG_DONTWAIT, to) {
+            let result = match joined {
+                true => send(fd, &self.joined, flags),
+                false => sendmsg(fd, &[IoSlice::new(header), IoSlice::new(payload)], &[], flags, to),
+            };
+            match result {
                 Err(Errno::EINTR) => {}
                 result => return result.map(drop),
             }
@@ -466,4 +500,53 @@ fn open_sender(group: Ipv4Addr, ttl: u8, source: Ipv4Addr) -> io::Result<(OwnedF
     join(&fd, group, source).map_err(context(format_args!("cannot join the multicast group {group} on {source}")))?;
     let bound: SockaddrIn = getsockname(fd.as_raw_fd()).map_err(context("cannot read a socket's address"))?;
     Ok((fd, bound.into()))
+}
+
+#[cfg(test)]
+#[allow(clippy::disallowed_methods, reason = "a real socket")]
+mod tests {
+    use super::*;
+    use std::net::UdpSocket;
+
+    #[test]
+    fn drops_count_between_two_datagrams_that_came_with_the_counter() {
+        let mut drops = Drops::default();
+        drops.note(None, true);
+        drops.note(Some(3), true);
+        assert_eq!(drops.counted, 3);
+        drops.note(Some(10), false);
+        drops.note(Some(11), true);
+        assert_eq!(drops.counted, 4, "what the filter refused is left out");
+        drops.pass();
+        drops.note(Some(500), true);
+        assert_eq!(drops.counted, 4, "nobody knows when those were dropped, nor why");
+        drops.note(Some(502), true);
+        drops.note(None, true);
+        assert_eq!(drops.counted, 6);
+        let mut drops = Drops { seen: u32::MAX, ..Drops::default() };
+        drops.note(Some(1), true);
+        assert_eq!(drops.counted, 2, "the counter wraps");
+    }
+
+    /// The one at which a full buffer is noticed, and the one before it: what is between them counts.
+    #[test]
+    fn two_datagrams_before_a_look_at_the_buffer_come_with_the_counter() {
+        let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+        for quarter in [1 << 10, 140_000, 1 << 20] {
+            let (mut fullness, mut looks, mut near) = (Fullness::of(socket.as_fd()).unwrap(), 0, [true; 2]);
+            fullness.quarter = quarter;
+            let mut far = 0;
+            for number in 0..20_000_usize {
+                let len = [0, 64, 1400, DATAGRAM_MAX][number * number % 4] / (1 + number % 3);
+                near = [near[1], fullness.is_near()];
+                far += usize::from(!near[1]);
+                assert!(!fullness.was_full(socket.as_fd(), len));
+                if fullness.read == 0 {
+                    looks += 1;
+                    assert_eq!(near, [true; 2], "{quarter} {number}");
+                }
+            }
+            assert!(looks > 10 && (far > 1000) == (quarter > 200_000), "{looks} {far}");
+        }
+    }
 }

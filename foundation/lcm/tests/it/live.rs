@@ -313,6 +313,35 @@ fn an_overflow_of_the_receive_buffer_is_counted() {
     overflow("A|B", false);
 }
 
+/// Of a large buffer the kernel's count of drops is looked at only where the buffer may be full.
+#[test]
+fn an_overflow_of_a_large_buffer_is_counted_after_many_messages_that_the_filter_drops() {
+    let url = Udpm { recv_buf_size: 1 << 20, ..common::url() };
+    let mut lcm = subscribed(&url, "A");
+    assert!(lcm.udpm().unwrap().filtered());
+    let mut publisher = Lcm::new(&url.clone().into()).unwrap();
+    let mut sent = 0;
+    for number in 0..3000_u32 {
+        publisher.publish("B", &[0; 100]).unwrap();
+        publisher.publish("A", &[0; 100]).unwrap();
+        sent += 1;
+        if number % 100 == 99 {
+            (0..100).for_each(|_| assert!(next(&mut lcm, PATIENCE).is_some()));
+        }
+    }
+    assert_eq!((lcm.stats().received, lcm.stats().kernel_dropped), (sent, 0));
+    for burst in [10_000, 1] {
+        for _ in 0..burst {
+            publisher.publish("A", &[0; 100]).unwrap();
+            sent += 1;
+        }
+        while next(&mut lcm, SILENCE).is_some() {}
+    }
+    let stats = *lcm.stats();
+    assert!(stats.kernel_dropped > 0, "{stats:?}");
+    assert_eq!(stats.kernel_dropped + stats.received, sent);
+}
+
 #[test]
 fn an_overflow_is_told_from_what_the_kernels_filter_drops() {
     overflow("A", true);
