@@ -61,6 +61,7 @@ mod least_squares;
 mod odometry;
 mod outline;
 pub mod reach;
+mod shape;
 mod twist;
 mod wheel;
 
@@ -68,9 +69,11 @@ pub use chassis::Chassis;
 pub use command::{Feasible, Refusal};
 pub use error::Error;
 pub use kinds::{Driven, End, SteeredBase};
+pub use navitools::Point;
 pub use odometry::{Agreement, Estimate};
 pub use outline::{Polygon, Turn};
 pub use reach::Direction;
+pub use shape::{SHAPE_CORNERS_MAX, Shape};
 pub use twist::{Twist, integrate};
 pub use wheel::{Kind, Limits, PerWheel, Steering, WHEELS_MAX, Wheel, WheelState};
 
