@@ -11,7 +11,7 @@ use crate::people::Hull;
 use crate::random::Random;
 use crate::world::World;
 use base::Duration;
-use kinematics::{Chassis, Twist, WHEELS_MAX, integrate};
+use kinematics::{Chassis, Shape, Twist, WHEELS_MAX, integrate};
 use navitools::{Ackermann, Motion, Pose};
 use settings::robot::{DrivenAxle, Geometry};
 use wheels::Wheels;
@@ -36,6 +36,9 @@ pub struct Parameters {
     pub overhang_front: f64,
     /// m.
     pub width: f64,
+    /// Outline in the robot's frame within the rectangle by these measures; `None`: that rectangle. The body's inertia
+    /// is always the rectangle's.
+    pub shape: Option<Shape>,
     /// kg.
     pub mass: f64,
     /// Radius of all wheels, m.
@@ -101,6 +104,7 @@ impl Default for Parameters {
             overhang_rear: 0.15,
             overhang_front: 0.15,
             width: 0.60,
+            shape: None,
             mass: 95.0,
             wheel_radius: 0.100,
             force_max: 208.0,
@@ -127,9 +131,10 @@ impl Parameters {
         Self {
             wheelbase: geometry.wheelbase_m,
             track: geometry.track_m,
-            overhang_rear: geometry.rear_overhang_m,
+            overhang_rear: geometry.rear_m(),
             overhang_front: geometry.front_m() - geometry.wheelbase_m,
-            width: geometry.width_m,
+            width: geometry.width_m(),
+            shape: geometry.footprint().copied(),
             wheel_radius: geometry.wheel_radius_m,
             encoder_counts: f64::from(geometry.ticks_per_turn),
             driven: geometry.driven,
@@ -359,7 +364,7 @@ impl Body {
     pub fn hull(&self) -> Hull {
         let p = &self.parameters;
         let outline = (-p.overhang_rear, p.wheelbase + p.overhang_front, p.width / 2.0);
-        Hull::new(self.pose, outline, self.twist())
+        Hull::new(self.pose, outline, self.twist()).shaped(p.shape)
     }
 
     /// Speed of its fastest part, m/s.
@@ -417,14 +422,18 @@ impl Body {
         self.wheels.iter_mut().for_each(Wheels::stop);
     }
 
-    /// Distance of the body's rectangle to the nearest wall or column, m; infinite without one.
+    /// Distance of the body's outline to the nearest wall or column, m; infinite without one.
     #[must_use]
     pub fn clearance(&self, world: &World) -> f64 {
         self.clearance_at(world, self.pose)
     }
 
-    fn clearance_at(&self, world: &World, pose: Pose) -> f64 {
+    /// The same if the body were at this pose.
+    pub(crate) fn clearance_at(&self, world: &World, pose: Pose) -> f64 {
         let p = &self.parameters;
+        if let Some(shape) = &p.shape {
+            return world.clearance_of_shape(pose, shape);
+        }
         world.clearance(pose, -p.overhang_rear, p.wheelbase + p.overhang_front, p.width / 2.0)
     }
 

@@ -5,6 +5,7 @@
 mod keys;
 
 use keys::{BEACONS, COLUMNS, DROPS, PEOPLE, POINTS, START, WALLS};
+use kinematics::Shape;
 use navitools::{Point, Pose};
 use settings::{Section, settings};
 use std::path::PathBuf;
@@ -464,6 +465,49 @@ impl World {
         }
         least.max(0.0)
     }
+
+    /// The distance, m, between the nearest wall or column and a shape in the frame of `pose`; 0 when they touch, infinite
+    /// in an empty world.
+    #[must_use]
+    pub fn clearance_of_shape(&self, pose: Pose, shape: &Shape) -> f64 {
+        let inner = pose.inverse().to_outer();
+        let mut least = f64::INFINITY;
+        for wall in &self.walls {
+            let wall = Segment { a: inner(wall.a), b: inner(wall.b) };
+            if crosses_shape(&wall, shape) {
+                return 0.0;
+            }
+            least = least.min(shape.distance(wall.a)).min(shape.distance(wall.b));
+            for corner in shape.corners() {
+                least = least.min(nearest(&wall, *corner).distance(*corner));
+            }
+        }
+        for column in &self.columns {
+            least = least.min(shape.distance(inner(column.centre)) - column.radius);
+        }
+        least.max(0.0)
+    }
+}
+
+/// True if a segment has a point inside the shape (Cyrus and Beck 1978).
+fn crosses_shape(wall: &Segment, shape: &Shape) -> bool {
+    let (dx, dy) = (wall.b.x - wall.a.x, wall.b.y - wall.a.y);
+    let (mut from, mut to) = (0.0f64, 1.0f64);
+    for (a, b) in shape.edges() {
+        let (ex, ey) = (b.x - a.x, b.y - a.y);
+        // Along the normal outwards: the segment's way, and the room of its beginning.
+        let (slope, room) = (ey * dx - ex * dy, ex * (wall.a.y - a.y) - ey * (wall.a.x - a.x));
+        if slope == 0.0 {
+            if room < 0.0 {
+                return false;
+            }
+        } else if slope < 0.0 {
+            from = from.max(room / slope);
+        } else {
+            to = to.min(room / slope);
+        }
+    }
+    from <= to
 }
 
 /// True if a segment has a point inside the rectangle (Liang and Barsky 1984).

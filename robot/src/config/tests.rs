@@ -1097,10 +1097,7 @@ fn every_shipped_world_starts_clear_and_its_routes_have_room() {
     assert_eq!(names, ["corridor", "empty", "foyer", "hall", "warehouse"]);
     let g = Config::load(&shipped(), true, &[]).unwrap().robot.geometry;
     for (name, world) in &worlds {
-        let clearance = |pose| {
-            let front = g.length_m - g.rear_overhang_m;
-            world.clearance(pose, -g.rear_overhang_m, front, g.width_m / 2.0)
-        };
+        let clearance = |pose| world.clearance(pose, -g.rear_m(), g.front_m(), g.width_m() / 2.0);
         assert!(clearance(world.start) >= 0.2, "{name}: it starts {} m from a wall", clearance(world.start));
         assert!(world.routes.iter().any(|route| route.name == "patrol"), "{name}: no route patrol");
         assert!(world.beacons.len() >= 3, "{name}: {} beacons", world.beacons.len());

@@ -7,7 +7,8 @@
 use super::battery::{Battery, BatteryConfig};
 use crate::scene::Scene;
 use base::{Deadlines, Duration, Instant, earliest};
-use navitools::Pose;
+use kinematics::Shape;
+use navitools::{Point, Pose};
 use rs485::boards::psc1::{
     CHANNELS, Currents, GET_CURRENTS, GET_PWR_STATUS, SET_PWR_STATUS, Unasked, build_currents, build_status, parse_set,
 };
@@ -316,6 +317,11 @@ fn bumper_gaps(scene: &Scene) -> [f64; 8] {
     const DEPTH: f64 = 0.02;
     let body = scene.body();
     let p = body.parameters();
+    if let Some(shape) = &p.shape {
+        return std::array::from_fn(|place| {
+            bumper(shape, place).map_or(f64::INFINITY, |bumper| scene.clearance_of_shape(body.pose(), &bumper))
+        });
+    }
     let (front, quarter) = (p.wheelbase + p.overhang_front, p.width / 4.0);
     std::array::from_fn(|place| {
         let across = (1.5 - (place % 4) as f64) * quarter;
@@ -328,13 +334,38 @@ fn bumper_gaps(scene: &Scene) -> [f64; 8] {
     })
 }
 
+/// The part of a shape, 2 cm deep, behind a bumper switch: a quarter of its width, of its front or rear.
+fn bumper(shape: &Shape, place: usize) -> Option<Shape> {
+    const DEPTH: f64 = 0.02;
+    const POINTS: usize = 4;
+    let (left, right) = (shape.reach(Point { x: 0.0, y: 1.0 }), -shape.reach(Point { x: 0.0, y: -1.0 }));
+    let quarter = (left - right) / 4.0;
+    let sign = if place < 4 { 1.0 } else { -1.0 };
+    let beside = if place < 4 { place } else { 7 - place };
+    let edge = |y: f64| {
+        let across = |(a, b): (Point, Point)| {
+            let within = y >= a.y.min(b.y) && y <= a.y.max(b.y);
+            let part = if a.y == b.y { 0.0 } else { (y - a.y) / (b.y - a.y) };
+            let x = if a.y == b.y { (sign * a.x).max(sign * b.x) } else { sign * (a.x + part * (b.x - a.x)) };
+            within.then_some(x)
+        };
+        shape.edges().filter_map(across).fold(f64::NEG_INFINITY, f64::max)
+    };
+    let ends: Vec<(f64, f64)> = (0..=POINTS)
+        .map(|n| left - quarter * (beside as f64 + n as f64 / POINTS as f64))
+        .map(|y| (edge(y.clamp(right, left)), y.clamp(right, left)))
+        .filter(|(x, _)| x.is_finite())
+        .collect();
+    let corners = ends.iter().flat_map(|&(x, y)| [x, x - DEPTH].map(|x| Point { x: sign * x, y }));
+    Shape::hull(&corners.collect::<Vec<_>>())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::body::Parameters;
     use crate::sonar::Sonar;
     use crate::world::{Column, World};
-    use navitools::Point;
     use rs485::boards::psc1::{build_set, parse_currents};
 
     fn at(ms: u64) -> Instant {
