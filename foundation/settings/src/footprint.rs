@@ -45,7 +45,9 @@ impl Rule<Footprint> for Outline {
     }
 
     fn stand_in(&self) -> Footprint {
-        let corners = [(-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1)].map(|(x, y)| Point { x, y });
+        // It holds all that is asked of one, so that nothing else is reported of it.
+        let side = CORNER_MAX_M;
+        let corners = [(-side, -side), (side, -side), (side, side), (-side, side)].map(|(x, y)| Point { x, y });
         let shape = Shape::hull(&corners).expect("a square has an area");
         Footprint { shape, filled_m2: 0.0 }
     }

@@ -730,6 +730,32 @@ mod tests {
     }
 
     #[test]
+    fn a_polygon_touches_with_its_own_edges() {
+        let corners = [(-0.15, -0.3), (0.75, 0.0), (-0.15, 0.3)].map(|(x, y)| navitools::Point { x, y });
+        let parameters = Parameters { shape: Shape::hull(&corners), ..Parameters::default() };
+        // At a wall its tip.
+        let mut pointed = Body::new(parameters, Pose::new(18.0, 6.0, 0.0));
+        run(&mut pointed, &World::hall(20.0, 12.0), 5.0, speed(1.0));
+        assert_eq!((pointed.speed(), pointed.collisions()), (0.0, 1));
+        assert!((pointed.pose().x - 19.25).abs() < 0.006, "{}", pointed.pose().x);
+        // At a column beside the tip its side, 0.5 m farther back.
+        let centre = navitools::Point { x: 3.0, y: 0.2 };
+        let world = World { columns: vec![crate::world::Column { centre, radius: 0.05 }], ..World::default() };
+        let mut ways = [Parameters::default(), parameters].map(|parameters| {
+            let mut body = Body::new(parameters, Pose::default());
+            run(&mut body, &world, 5.0, speed(1.0));
+            assert_eq!(body.collisions(), 1);
+            let clearance = body.clearance(&world);
+            assert!(clearance > 0.0 && clearance < 0.006, "{clearance}");
+            body.pose().x
+        });
+        ways[0] -= 3.0 - 0.05 - 0.75;
+        // The edge's line is y = (0.75 - x) / 3; the column is at 5 cm from it.
+        ways[1] -= 3.0 - (0.75 - 3.0 * 0.2) - 0.05 * libm::sqrt(10.0);
+        assert!(ways.iter().all(|off| off.abs() < 0.02), "{ways:?}");
+    }
+
+    #[test]
     fn it_stops_at_a_wall_and_the_collision_counts_once() {
         let world = World::hall(20.0, 12.0);
         let mut body = Body::new(Parameters::default(), Pose::new(18.0, 6.0, 0.0));

@@ -623,6 +623,27 @@ mod tests {
     }
 
     #[test]
+    fn clearance_of_a_rectangle_as_a_shape_is_the_same() {
+        let mut random = crate::random::Random::new(6);
+        let (rear, front, half) = (-0.15, 0.75, 0.30);
+        let shape = Shape::hull(&[p(rear, -half), p(rear, half), p(front, half), p(front, -half)]).unwrap();
+        let mut touched = 0;
+        for _ in 0..2000 {
+            let end =
+                |random: &mut crate::random::Random| p(4.0 * random.uniform() - 2.0, 4.0 * random.uniform() - 2.0);
+            let wall = |random: &mut crate::random::Random| Segment { a: end(random), b: end(random) };
+            let walls = vec![wall(&mut random)];
+            let columns = vec![Column { centre: end(&mut random), radius: 0.1 }];
+            let world = World { walls, columns, ..World::default() };
+            let pose = Pose::new(random.uniform(), random.uniform(), 6.3 * random.uniform());
+            let (one, other) = (world.clearance(pose, rear, front, half), world.clearance_of_shape(pose, &shape));
+            assert!((one - other).abs() < 1e-9, "{one} {other} {world:?}");
+            touched += u32::from(one == 0.0);
+        }
+        assert!(touched > 200 && touched < 1800, "{touched}");
+    }
+
+    #[test]
     fn what_is_not_ahead_is_met_by_no_ray_ahead() {
         let mut world = World::hall(20.0, 12.0);
         let mut random = crate::random::Random::new(7);

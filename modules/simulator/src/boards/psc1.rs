@@ -376,6 +376,26 @@ mod tests {
         Scene::new(Instant::ZERO, world, Parameters::default(), Sonar::default(), 1)
     }
 
+    #[test]
+    fn bumpers_of_a_polygon_are_along_its_front_and_its_rear() {
+        let corners = [(0.4, 0.0), (0.2, 0.25), (-0.2, 0.25), (-0.4, 0.0), (-0.2, -0.25), (0.2, -0.25)];
+        let shape = Shape::hull(&corners.map(|(x, y)| Point { x, y })).unwrap();
+        let bumpers: Vec<Shape> = (0..8).map(|place| bumper(&shape, place).expect("a bumper")).collect();
+        for (place, expected) in
+            [(0, (0.2, 0.25)), (1, (0.4, 0.0)), (3, (0.2, -0.25)), (4, (-0.2, -0.25)), (7, (-0.2, 0.25))]
+        {
+            let (x, y) = expected;
+            assert!(bumpers[place].distance(Point { x, y }) < 1e-9, "{place}: {:?}", bumpers[place]);
+        }
+        // Of each point of the front one of the four is at most a little away.
+        for n in 0..100 {
+            let y = f64::from(n) * 0.005 - 0.25;
+            let front = Point { x: 0.4 - 0.8 * y.abs(), y };
+            let near = bumpers[..4].iter().map(|bumper| bumper.distance(front)).fold(f64::INFINITY, f64::min);
+            assert!(near < 1e-9 && bumpers[4..].iter().all(|bumper| bumper.distance(front) > 0.1), "{front:?} {near}");
+        }
+    }
+
     fn board() -> Psc1 {
         Psc1::new(BatteryConfig::default(), Instant::ZERO)
     }
