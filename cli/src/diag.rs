@@ -85,9 +85,9 @@ pub fn diag(common: &Common, command: &Diag) -> Outcome {
     let (place, config) = configuration(common)?;
     let geometry = &config.robot.geometry;
     let body = Body {
-        rear: -geometry.rear_overhang_m,
+        rear: -geometry.rear_m(),
         front: geometry.front_m(),
-        half_width: geometry.width_m / 2.0,
+        half_width: geometry.width_m() / 2.0,
         sonar_beam: config.robot.sensors.srf08.beam_rad,
     };
     let critical = config.modules.iter().filter(|module| module.guard.critical).map(|module| module.name().to_owned());

@@ -128,6 +128,7 @@ fn limits(common: &Common, command: &Plan) -> Result<Limits, Failed> {
     let given = (command.footprint.as_ref(), command.wheelbase, command.radius);
     // Overrides are checked even if the arguments leave nothing to the configuration.
     let loaded = if common.sets.is_empty() { None } else { Some(common.load(false)?.robot) };
+    let mut shape = None;
     let (length_m, width_m, rear_m, radius, abilities) = if let (Some(footprint), Some(wheelbase), Some(radius)) = given
     {
         (footprint.0[0], footprint.0[1], (footprint.0[0] - wheelbase) / 2.0, radius, Abilities::default())
@@ -137,9 +138,13 @@ fn limits(common: &Common, command: &Plan) -> Result<Limits, Failed> {
             None => common.load(false)?.robot,
         };
         let config::Robot { geometry, limits, .. } = &robot;
-        let (length, width) = given.0.map_or((geometry.length_m, geometry.width_m), |given| (given.0[0], given.0[1]));
+        let (length, width) =
+            given.0.map_or((geometry.length_m(), geometry.width_m()), |given| (given.0[0], given.0[1]));
         let rear = match (given.0, given.1) {
-            (None, None) => geometry.rear_overhang_m,
+            (None, None) => {
+                shape = geometry.footprint().copied();
+                geometry.rear_m()
+            }
             (_, wheelbase) => (length - wheelbase.unwrap_or(geometry.wheelbase_m)) / 2.0,
         };
         let wheelbase_m = given.1.unwrap_or(geometry.wheelbase_m);
@@ -154,7 +159,7 @@ fn limits(common: &Common, command: &Plan) -> Result<Limits, Failed> {
         )
         .into());
     }
-    Ok(Limits { abilities, ..Limits::new(Footprint { length_m, width_m, rear_m }, radius) })
+    Ok(Limits { abilities, shape, ..Limits::new(Footprint { length_m, width_m, rear_m }, radius) })
 }
 
 fn csv(path: &path::Path) -> String {

@@ -15,7 +15,6 @@ use robot::place::RobotLocation;
 use robot::preflight;
 use robot::topology::{virtual_machine, virtual_machine_recorded};
 use serde_json::json;
-use settings::robot::Geometry;
 use sim::check::Limits;
 use sim::check::wire::Protocol;
 use sim::host::{self, Virtual};
@@ -531,9 +530,9 @@ fn machine(place: &RobotLocation, config: host::Config, inputs: &Inputs) -> Resu
 /// The operator knows the robot.
 fn behaviour(place: &RobotLocation, operator: Behaviour) -> Result<Behaviour, ConfigError> {
     let config = config::Config::load(&place.config, true, &place.sets)?;
-    let Geometry { wheelbase_m, length_m, width_m, rear_overhang_m, .. } = config.robot.geometry;
-    let body = (rear_overhang_m, length_m - rear_overhang_m, width_m / 2.0);
-    Ok(Behaviour { wheelbase: wheelbase_m, body, ..operator })
+    let geometry = &config.robot.geometry;
+    let body = (geometry.rear_m(), geometry.front_m(), geometry.width_m() / 2.0);
+    Ok(Behaviour { wheelbase: geometry.wheelbase_m, body, shape: geometry.footprint().copied(), ..operator })
 }
 
 /// The first that exists: in a checkout, or beside the configuration.

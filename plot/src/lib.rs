@@ -11,7 +11,7 @@
 //! use simulator::world::World;
 //!
 //! // Ten seconds along the middle of a hall of 20 m by 12 m.
-//! let outline = Footprint { length_m: 0.9, width_m: 0.6, rear_overhang_m: 0.15 };
+//! let outline = Footprint { length_m: 0.9, width_m: 0.6, rear_overhang_m: 0.15, corners: Vec::new() };
 //! let mut picture = Picture::new(World::hall(20.0, 12.0), Some(outline));
 //! assert!(picture.is_empty());
 //! let begin = 1_767_225_600_000_000; // µs since the UNIX epoch
@@ -49,8 +49,8 @@ mod timeline;
 
 pub use data::{Picture, Title};
 
-/// Outline of the robot, a rectangle; all in m.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Outline of the robot, a rectangle or a polygon; all in m.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Footprint {
     /// Length, bumper to bumper.
     pub length_m: f64,
@@ -58,4 +58,6 @@ pub struct Footprint {
     pub width_m: f64,
     /// Distance from the rear axle, the reference point of a pose, to the rear bumper.
     pub rear_overhang_m: f64,
+    /// Corners of the polygon in the robot's frame, in order; empty: the rectangle.
+    pub corners: Vec<navitools::Point>,
 }

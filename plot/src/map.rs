@@ -181,10 +181,16 @@ impl Picture {
         let (rear, front, half) = (-g.rear_overhang_m, g.length_m - g.rear_overhang_m, g.width_m / 2.0);
         // The nose shows the heading.
         let corners = [(rear, -half), (front - 0.15, -half), (front, 0.0), (front - 0.15, half), (rear, half)];
-        let corners: Vec<Point> = corners.iter().map(|(x, y)| view.at(pose * Point { x: *x, y: *y })).collect();
+        let polygon = !g.corners.is_empty();
+        let corners: Vec<Point> = if polygon { g.corners.clone() } else { corners.map(|(x, y)| Point { x, y }).into() };
+        let corners: Vec<Point> = corners.iter().map(|corner| view.at(pose * *corner)).collect();
         if corners.iter().all(|corner| view.rect.has(*corner)) {
             canvas.begin("robot");
             canvas.area(&corners, TRUTH.cover(0.25), Some(&Stroke::new(INK, 1.2)));
+            if polygon {
+                let heading = [(0.0, 0.0), (front, 0.0)].map(|(x, y)| view.at(pose * Point { x, y }));
+                canvas.line(&heading, &Stroke::new(INK, 1.2));
+            }
             canvas.end();
         }
     }

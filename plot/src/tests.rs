@@ -9,7 +9,7 @@ use simulator::world::{Segment, World};
 const BEGIN: i64 = 1_795_302_110_000_000;
 
 fn picture() -> Picture {
-    let geometry = Footprint { length_m: 0.9, width_m: 0.6, rear_overhang_m: 0.15 };
+    let geometry = Footprint { length_m: 0.9, width_m: 0.6, rear_overhang_m: 0.15, corners: Vec::new() };
     Picture::new(World::hall(20.0, 12.0), Some(geometry))
 }
 

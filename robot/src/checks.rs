@@ -218,7 +218,7 @@ fn sight(robot: &Robot) -> Option<Sight> {
     let guard = &robot.guard;
     // What is lost is noticed later than what appears.
     let sensing = guard.sensing.max(guard.scan_age_max.as_secs_f64());
-    let (rear, length) = (robot.geometry.rear_overhang_m, robot.geometry.length_m);
+    let geometry = &robot.geometry;
     guard.ranging.has_lidars().then(|| Sight {
         lidars: robot
             .lidar
@@ -232,7 +232,8 @@ fn sight(robot: &Robot) -> Option<Sight> {
             .collect(),
         reaction_s: guard.reaction + sensing,
         braking_mps2: robot.limits.deceleration_mps2,
-        body: (-rear, length - rear, robot.geometry.width_m / 2.0),
+        body: (-geometry.rear_m(), geometry.front_m(), geometry.width_m() / 2.0),
+        shape: geometry.footprint().copied(),
     })
 }
 

@@ -70,14 +70,13 @@ fn parameters(place: &RobotLocation, robot: &Robot) -> Vec<Parameter> {
     let parameter =
         |name: &str, value, description: &str| Parameter { name: name.into(), value, description: description.into() };
     let (limits, geometry) = (&robot.limits, &robot.geometry);
-    let [rear, front, half] = [-geometry.rear_overhang_m, geometry.front_m(), geometry.width_m / 2.0];
-    let corners = [front, half, rear, half, rear, -half, front, -half];
+    let corners = scene::corners(geometry).concat();
     let mut all = vec![
         parameter("use_sim_time", Value::Bool(false), "Stamps are the time of the robot's clock, also in simulation."),
         parameter("robot", Value::Text(robot.general.name.clone()), "Name of the robot."),
         parameter("simulated", Value::Bool(place.sim), "True in simulation."),
         parameter("commands", Value::Bool(robot.ros2.commands), "True if ROS may command the robot."),
-        parameter("footprint", Value::Doubles(corners.into()), "Corners of the outline in base_link: x, y, ...; m."),
+        parameter("footprint", Value::Doubles(corners), "Corners of the outline in base_link: x, y, ...; m."),
     ];
     let doubles = [
         ("limits.speed_mps", limits.speed_mps, "Greatest speed of a command, m/s."),
@@ -90,8 +89,8 @@ fn parameters(place: &RobotLocation, robot: &Robot) -> Vec<Parameter> {
         ("geometry.wheelbase_m", geometry.wheelbase_m, "Rear axle to front axle, m."),
         ("geometry.track_m", geometry.track_m, "Distance of the front wheels, m."),
         ("geometry.wheel_radius_m", geometry.wheel_radius_m, "Radius of the wheels, m."),
-        ("geometry.length_m", geometry.length_m, "Bumper to bumper, m."),
-        ("geometry.width_m", geometry.width_m, "Width, m."),
+        ("geometry.length_m", geometry.length_m(), "Bumper to bumper, m."),
+        ("geometry.width_m", geometry.width_m(), "Width, m."),
         ("command_ttl_s", robot.ros2.command_ttl.as_secs_f64(), "Silence of /cmd_vel after which the robot stops, s."),
     ];
     all.extend(doubles.map(|(name, value, text)| parameter(name, Value::Double(value), text)));
@@ -107,7 +106,7 @@ fn description(robot: &Robot) -> Description {
     };
     Description {
         name: robot.general.name.clone(),
-        body: [-geometry.rear_overhang_m, geometry.front_m(), geometry.width_m / 2.0],
+        body: [-geometry.rear_m(), geometry.front_m(), geometry.width_m() / 2.0],
         wheel_radius: geometry.wheel_radius_m,
         wheels: wheels(robot),
         sensors: robot.lidar.iter().map(lidar).collect(),

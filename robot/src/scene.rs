@@ -5,6 +5,7 @@ use logger::ros::{self, RobotScene, Sensor};
 use navitools::Point;
 use planner::map::Map;
 use rs485::boards::psc1;
+use settings::robot::Geometry;
 use simulator::world::World;
 use web::center::authority::Limits;
 use web::center::scene::{Beacon, Drive, Route, Scene, TemperatureLimit, outline, rounded};
@@ -13,8 +14,6 @@ use web::center::scene::{Beacon, Drive, Route, Scene, TemperatureLimit, outline,
 #[must_use]
 pub fn of(robot: &Robot, world: Option<&World>, map: Option<&Map>) -> Scene {
     let geometry = &robot.geometry;
-    let (rear, front) = (-geometry.rear_overhang_m, geometry.front_m());
-    let half = geometry.width_m / 2.0;
     let walls = match (map, world) {
         (Some(map), _) => outline(map),
         (None, Some(world)) => {
@@ -33,7 +32,7 @@ pub fn of(robot: &Robot, world: Option<&World>, map: Option<&Map>) -> Scene {
     Scene {
         robot: robot.general.name.clone(),
         simulated: world.is_some(),
-        outline: vec![[front, half], [rear, half], [rear, -half], [front, -half]],
+        outline: corners(geometry),
         wheelbase: geometry.wheelbase_m,
         limits: hand_limits(robot),
         blind: robot.blind_mps(),
@@ -62,16 +61,23 @@ pub(crate) fn hand_limits(robot: &Robot) -> Limits {
 
 /// What is shown of the robot and no message says.
 pub(crate) fn translated(robot: &Robot) -> RobotScene {
-    let geometry = &robot.geometry;
-    let (rear, front) = (-geometry.rear_overhang_m, geometry.front_m());
-    let half = geometry.width_m / 2.0;
     let beacon = |beacon: &settings::robot::Beacon| ros::Beacon { id: beacon.id.into(), x: beacon.x, y: beacon.y };
     RobotScene {
         name: robot.general.name.clone(),
-        outline: vec![[front, half], [rear, half], [rear, -half], [front, -half]],
+        outline: corners(&robot.geometry),
         beacons: robot.beacons.iter().map(beacon).collect(),
         sonar: Sensor::srf08(robot.sensors.srf08.beam_rad),
         infrared: Sensor::GP2Y0A41,
+    }
+}
+
+/// Corners of the outline; of a rectangle from the one at the front left on.
+pub(crate) fn corners(geometry: &Geometry) -> Vec<[f64; 2]> {
+    let (rear, front) = (-geometry.rear_m(), geometry.front_m());
+    let half = geometry.width_m() / 2.0;
+    match geometry.footprint() {
+        Some(shape) => shape.corners().iter().map(|corner| [corner.x, corner.y]).collect(),
+        None => vec![[front, half], [rear, half], [rear, -half], [front, -half]],
     }
 }
 

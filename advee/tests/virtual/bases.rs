@@ -289,6 +289,36 @@ fn they_go_to_a_goal() {
     }
 }
 
+/// The courier with a hexagon in place of its rectangle, made for the time of a call.
+fn with_hexagon(test: &str, then: impl FnOnce(&Path)) {
+    const HEXAGON: &str =
+        "footprint_m = [[0.35, 0.1], [0.0, 0.25], [-0.35, 0.1], [-0.35, -0.1], [0.0, -0.25], [0.35, -0.1]]";
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/courier");
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("hexagon-{test}-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    for entry in std::fs::read_dir(&shipped).expect("the shipped folder") {
+        let file = entry.expect("a file").path();
+        let name = file.file_name().expect("a name");
+        let text = std::fs::read_to_string(&file).expect("a text");
+        let is_side = |line: &&str| line.starts_with("width_m") || line.starts_with("rear_overhang_m");
+        let lines = text.lines().filter(|line| !is_side(line));
+        let lines = lines.map(|line| if line.starts_with("length_m") { HEXAGON } else { line });
+        std::fs::write(folder.join(name), lines.collect::<Vec<_>>().join("\n")).expect("a file");
+    }
+    then(&folder);
+    std::fs::remove_dir_all(folder).expect("the folder");
+}
+
+#[test]
+fn a_courier_with_a_hexagonal_outline_goes_to_a_goal() {
+    with_hexagon("goal", |folder| {
+        let mut base = Base::of(folder, "hexagon", 2, &empty_world(), &[]);
+        base.go("hexagon", [13.0, 8.0, 0.0], 40.0);
+        base.go("hexagon", [13.0, 8.0, 3.0], 20.0);
+        base.assert_located("hexagon");
+    });
+}
+
 /// Times that goals took are printed.
 #[test]
 fn they_arrive_with_any_heading_and_turn_on_the_spot_in_a_dead_end() {

@@ -469,9 +469,10 @@ const GEOMETRY: Geometry = Geometry {
     wheelbase_m: 0.6,
     track_m: 0.5,
     wheel_radius_m: 0.1,
-    length_m: 0.9,
-    width_m: 0.6,
-    rear_overhang_m: 0.15,
+    length_m: Some(0.9),
+    width_m: Some(0.6),
+    rear_overhang_m: Some(0.15),
+    footprint_m: None,
     ticks_per_turn: 4000,
     driven: DrivenAxle::Rear,
 };

@@ -50,7 +50,7 @@ pub struct Rig {
     place: RobotLocation,
     /// Modules that are left out, beside [`ABSENT`].
     without: Vec<String>,
-    outline: [f64; 3],
+    geometry: Geometry,
     robot: Robot,
 }
 
@@ -72,7 +72,7 @@ impl Rig {
             return Err(ConfigError(vec![format!("--without {name}: {why}")]));
         }
         let rig = Self {
-            outline: outline(&config.robot.geometry),
+            geometry: config.robot.geometry,
             robot: described(&config, without),
             place,
             without: without.to_vec(),
@@ -103,8 +103,12 @@ impl Rig {
         place.sets.extend(reset.people.map(|count| format!("world.people={count}")));
         place.sets.extend(reset.start.map(|[x, y, theta]| format!("world.start=[{x:?}, {y:?}, {theta:?}]")));
         let world = config::world(&place.config, place.world.as_deref(), &place.sets).map_err(in_a_line)?;
-        let [rear, front, half_width] = self.outline;
-        if world.clearance(world.start, rear, front, half_width) <= 0.0 {
+        let [rear, front, half_width] = outline(&self.geometry);
+        let clearance = match self.geometry.footprint() {
+            Some(shape) => world.clearance_of_shape(world.start, shape),
+            None => world.clearance(world.start, rear, front, half_width),
+        };
+        if clearance <= 0.0 {
             return Err("start: the robot touches something there".into());
         }
         let goal = match reset.goal {
@@ -140,8 +144,7 @@ fn in_a_line(error: ConfigError) -> String {
 
 /// Rear end, front end and half of the width in the robot's frame, m.
 fn outline(geometry: &Geometry) -> [f64; 3] {
-    let Geometry { length_m, width_m, rear_overhang_m, .. } = *geometry;
-    [-rear_overhang_m, length_m - rear_overhang_m, width_m / 2.0]
+    [-geometry.rear_m(), geometry.front_m(), geometry.width_m() / 2.0]
 }
 
 fn described(config: &Config, without: &[String]) -> Robot {

@@ -62,6 +62,7 @@ mod least_squares;
 mod odometry;
 mod outline;
 pub mod reach;
+mod shape;
 mod twist;
 mod wheel;
 
@@ -69,9 +70,11 @@ pub use chassis::Chassis;
 pub use command::{Feasible, Refusal};
 pub use error::Error;
 pub use kinds::{Driven, End, SteeredBase};
+pub use navitools::Point;
 pub use odometry::{Agreement, Estimate};
 pub use outline::{Polygon, Turn};
 pub use reach::Direction;
+pub use shape::{SHAPE_CORNERS_MAX, Shape};
 pub use twist::{Twist, integrate};
 pub use wheel::{Kind, Limits, PerWheel, Steering, WHEELS_MAX, Wheel, WheelState};
 

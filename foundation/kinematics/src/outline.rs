@@ -16,6 +16,9 @@ pub struct Polygon {
 /// Part of the square of a circle's radius, and square in m², by which the end of an edge is surely within it.
 const WITHIN: f64 = 1e-6;
 
+/// Sine of the angle between two edges below which they count as in line.
+const STRAIGHT: f64 = 1e-3;
+
 /// Line of an edge: the points whose product with `out` is `offset`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Edge {
@@ -84,7 +87,12 @@ impl Polygon {
             let (one, other) = (normal(before, here), normal(here, after));
             // Both edges move along their normals: the corner is where they meet then.
             let (first, second) = (margin(one), margin(other));
-            let turn = (one.x * other.y - one.y * other.x).max(1e-3);
+            let turn = one.x * other.y - one.y * other.x;
+            if turn < STRAIGHT {
+                // The edges are nearly in line: where they meet is lost in rounding.
+                let most = first.max(second);
+                return Point { x: here.x + most * one.x, y: here.y + most * one.y };
+            }
             let x = here.x + (first * other.y - second * one.y) / turn;
             Point { x, y: here.y + (second * one.x - first * other.x) / turn }
         };
@@ -249,7 +257,7 @@ impl Turn {
 }
 
 /// Twice the area of the triangle; above 0 if it is counter-clockwise.
-fn turn(a: Point, b: Point, c: Point) -> f64 {
+pub(crate) fn turn(a: Point, b: Point, c: Point) -> f64 {
     (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)
 }
 

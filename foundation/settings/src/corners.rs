@@ -13,28 +13,12 @@ const AREA_MIN: f64 = 1e-3;
 pub struct Corners(pub RangeInclusive<f64>);
 
 impl Corners {
-    fn corner(&self, entry: &Entry<'_>) -> Option<[f64; 2]> {
-        let within = |node: &Node| node.value.number().filter(|value| self.0.contains(value));
-        let corner = match &entry.node.value {
-            Value::Array(items) => match &items[..] {
-                [x, y] => within(x).zip(within(y)).map(|(x, y)| [x, y]),
-                _ => None,
-            },
-            _ => None,
-        };
-        if corner.is_none() {
-            entry.refuse(format_args!("two numbers from {} to {}: x, y", self.0.start(), self.0.end()));
-        }
-        corner
-    }
-}
-
-impl Rule<Vec<[f64; 2]>> for Corners {
-    fn read(&self, entry: &Entry<'_>) -> Option<Vec<[f64; 2]>> {
+    /// The corners of a polygon with at most `most` corners; what is wrong is refused.
+    pub(crate) fn read_at_most(&self, most: usize, entry: &Entry<'_>) -> Option<Vec<[f64; 2]>> {
         let items = match &entry.node.value {
-            Value::Array(items) if (3..=CORNERS_MAX).contains(&items.len()) => items,
+            Value::Array(items) if (3..=most).contains(&items.len()) => items,
             _ => {
-                entry.refuse(Rule::<Vec<[f64; 2]>>::expected(self));
+                entry.refuse(self.expected_at_most(most));
                 return None;
             }
         };
@@ -53,8 +37,33 @@ impl Rule<Vec<[f64; 2]>> for Corners {
         Some(corners)
     }
 
+    pub(crate) fn expected_at_most(&self, most: usize) -> String {
+        format!("a list of 3 to {most} corners [x, y] within {} to {}", self.0.start(), self.0.end())
+    }
+
+    fn corner(&self, entry: &Entry<'_>) -> Option<[f64; 2]> {
+        let within = |node: &Node| node.value.number().filter(|value| self.0.contains(value));
+        let corner = match &entry.node.value {
+            Value::Array(items) => match &items[..] {
+                [x, y] => within(x).zip(within(y)).map(|(x, y)| [x, y]),
+                _ => None,
+            },
+            _ => None,
+        };
+        if corner.is_none() {
+            entry.refuse(format_args!("two numbers from {} to {}: x, y", self.0.start(), self.0.end()));
+        }
+        corner
+    }
+}
+
+impl Rule<Vec<[f64; 2]>> for Corners {
+    fn read(&self, entry: &Entry<'_>) -> Option<Vec<[f64; 2]>> {
+        self.read_at_most(CORNERS_MAX, entry)
+    }
+
     fn expected(&self) -> String {
-        format!("a list of 3 to {CORNERS_MAX} corners [x, y] within {} to {}", self.0.start(), self.0.end())
+        self.expected_at_most(CORNERS_MAX)
     }
 
     fn stand_in(&self) -> Vec<[f64; 2]> {
@@ -123,7 +132,8 @@ fn meets((a, b): ([f64; 2], [f64; 2]), (c, d): ([f64; 2], [f64; 2])) -> bool {
     overlap(0) && overlap(1) && is_between(a, b, c, d) && is_between(c, d, a, b)
 }
 
-fn area(corners: &[[f64; 2]]) -> f64 {
+/// Area of a polygon without crossing edges.
+pub(crate) fn area(corners: &[[f64; 2]]) -> f64 {
     let next = corners.iter().cycle().skip(1);
     let twice: f64 = corners.iter().zip(next).map(|(a, b)| a[0] * b[1] - b[0] * a[1]).sum();
     twice.abs() / 2.0

@@ -7,6 +7,7 @@
 
 mod corners;
 mod declare;
+mod footprint;
 mod moved;
 mod reader;
 pub mod robot;
@@ -18,6 +19,7 @@ mod tree;
 
 pub use corners::{CORNERS_MAX, Corners};
 pub use declare::{Declared, Given, Section};
+pub use footprint::{FOOTPRINT_CORNERS_MAX, Footprint};
 pub use moved::{Moved, Moves, notices};
 pub use reader::{Entry, Problems, Table};
 pub use rows::{Need, Row, Rows, markdown};

@@ -3,12 +3,19 @@
 //! The robot's frame: origin on the floor under the middle of the rear axle, x forward, y to the left, angles
 //! counter-clockwise.
 
-use crate::settings;
+use crate::footprint::{Footprint, Outline};
+use crate::{Rule, Table, settings};
 use base::Duration;
-use kinematics::Chassis;
+use kinematics::{Chassis, Point, Shape};
+use std::ops::RangeInclusive;
+
+/// Length and width of a rectangle, m, and its part behind the origin.
+const SIDE: RangeInclusive<f64> = 0.1..=10.0;
+const OVERHANG: RangeInclusive<f64> = 0.0..=5.0;
 
 settings! {
-    /// `[geometry]`: measures of the robot.
+    /// `[geometry]`: measures of the robot. Its outline is a rectangle, by `length_m`, `width_m` and `rear_overhang_m`, or
+    /// a convex polygon, `footprint_m`.
     #[derive(Clone, Copy, Debug, PartialEq)]
     pub struct Geometry {
         /// Rear axle to front axle.
@@ -17,17 +24,21 @@ settings! {
         track_m: f64 = required, 0.05..=5.0;
         /// Radius of all wheels.
         wheel_radius_m: f64 = required, 0.01..=1.0;
-        /// Bumper to bumper.
-        length_m: f64 = required, 0.1..=10.0;
-        /// Width.
-        width_m: f64 = required, 0.1..=10.0;
-        /// Rear axle to rear bumper.
-        rear_overhang_m: f64 = required, 0.0..=5.0;
+        /// Bumper to bumper; required without `footprint_m`.
+        length_m: Option<f64> = optional, SIDE;
+        /// Width; required without `footprint_m`.
+        width_m: Option<f64> = optional, SIDE;
+        /// Rear axle to rear bumper, at most `length_m`; required without `footprint_m`.
+        rear_overhang_m: Option<f64> = optional, OVERHANG;
+        /// The outline as a polygon in the robot's frame, in place of the three measures above, with the reference point
+        /// and the contact points of the wheels in it. Of a concave one the convex hull is used.
+        footprint_m: Option<Footprint> = optional, Outline;
         /// Counts of a front wheel's encoder per turn.
         ticks_per_turn: u32 = required, 1..=1_000_000;
         /// What the propulsion of a base that steers drives.
         driven: DrivenAxle = DrivenAxle::Rear;
     }
+    check Geometry::check;
 }
 
 settings! {
@@ -162,17 +173,150 @@ settings! {
     }
 }
 
+/// Distance by which a wheel's contact point may be outside of the outline, m: rounding.
+const ROUNDING_M: f64 = 1e-6;
+
 impl Geometry {
-    /// Rear axle to front bumper, m.
+    fn check(&self, table: &Table<'_>) {
+        let sides = [("length_m", self.length_m, SIDE), ("width_m", self.width_m, SIDE)];
+        let all = sides.into_iter().chain([("rear_overhang_m", self.rear_overhang_m, OVERHANG)]);
+        for (key, value, range) in all {
+            match (&self.footprint_m, value) {
+                (Some(_), Some(_)) => table.refuse(key, "nothing beside footprint_m, from which it follows"),
+                (None, None) => table.refuse_missing(key, Rule::<f64>::expected(&range)),
+                _ => {}
+            }
+        }
+        if let Some(footprint) = &self.footprint_m
+            && table.is_good("footprint_m")
+            && footprint.shape.outside(Point::default()) > 0.0
+        {
+            table.refuse("footprint_m", "an outline with the reference point [0, 0] in it");
+        }
+        if let (Some(length), Some(rear)) = (self.length_m, self.rear_overhang_m)
+            && table.is_good("length_m")
+            && table.is_good("rear_overhang_m")
+            && rear > length
+        {
+            let expected = format_args!("at most length_m, {length}, so that the reference point is in the outline");
+            table.refuse("rear_overhang_m", expected);
+        }
+    }
+
+    /// Refuses an outline without the wheels' contact points in it, and a track wider than the robot. `base`: the base
+    /// of a robot that does not steer; `table`: this table once more.
+    pub fn check_wheels(&self, base: Option<(&Base, &Limits)>, table: &Table<'_>) {
+        let outline = ["footprint_m", "length_m", "width_m", "rear_overhang_m"];
+        let is_good = |key: &&str| !table.has(key) || table.is_good(key);
+        let (whole, complete) = (outline.iter().all(is_good), self.shape().is_some());
+        if !whole || !complete || !table.is_good("track_m") || !table.is_good("wheelbase_m") {
+            return;
+        }
+        let width = 2.0 * self.half_width_m();
+        if self.track_m > width + ROUNDING_M {
+            table.refuse("track_m", format_args!("at most the width of the outline, {width}"));
+            return;
+        }
+        let contacts = match base {
+            Some((base, limits)) => base.contacts(limits, width),
+            None => self.contacts(),
+        };
+        let Some(outside) = contacts.into_iter().find(|contact| self.outside(*contact) > ROUNDING_M) else { return };
+        let at = format!("[{:.3}, {:.3}]", outside.x, outside.y);
+        if self.footprint_m.is_some() {
+            table.refuse("footprint_m", format_args!("an outline with the wheel at {at} in it"));
+            return;
+        }
+        let ahead = outside.x > 0.0 && outside.x > self.front_m();
+        let behind = outside.x < 0.0 && outside.x < -self.rear_m();
+        match (ahead, behind) {
+            (false, false) => {
+                table.refuse("width_m", format_args!("at least {:.3}: a wheel is at {at}", 2.0 * outside.y.abs()));
+            }
+            (true, _) => {
+                let least = outside.x + self.rear_m();
+                table.refuse("length_m", format_args!("at least {least:.3} by rear_overhang_m: a wheel is at {at}"));
+            }
+            (_, true) => {
+                table.refuse("rear_overhang_m", format_args!("at least {:.3}: a wheel is at {at}", -outside.x));
+            }
+        }
+    }
+
+    /// Contact points of the wheels of a base that steers, m. One whose steered wheels are behind the axle has them as
+    /// far behind it.
+    fn contacts(&self) -> Vec<Point> {
+        let half = self.track_m / 2.0;
+        let steered: &[f64] = if self.driven == DrivenAxle::Front { &[0.0] } else { &[half, -half] };
+        let pair = |x: f64| steered.iter().map(move |&y| Point { x, y });
+        let ahead: Vec<Point> = pair(self.wheelbase_m).collect();
+        let behind = || pair(-self.wheelbase_m);
+        let within = |contact: Point| self.outside(contact) <= ROUNDING_M;
+        let steered = if behind().all(within) { behind().collect() } else { ahead };
+        [half, -half].map(|y| Point { x: 0.0, y }).into_iter().chain(steered).collect()
+    }
+
+    /// Distance of a point from the outline's edges, m: at most its distance; negative within.
+    fn outside(&self, point: Point) -> f64 {
+        self.shape().map_or(f64::NEG_INFINITY, |shape| shape.outside(point))
+    }
+
+    /// Its outline if that is a polygon; `None`: it is a rectangle.
+    #[must_use]
+    pub fn footprint(&self) -> Option<&Shape> {
+        self.footprint_m.as_ref().map(|footprint| &footprint.shape)
+    }
+
+    /// Corners of the outline, m, counter-clockwise; of a rectangle from the one at the rear right on.
+    #[must_use]
+    pub fn corners(&self) -> Vec<Point> {
+        let (front, rear, half) = (self.front_m(), -self.rear_m(), self.half_width_m());
+        let rectangle = || [(rear, -half), (front, -half), (front, half), (rear, half)].map(|(x, y)| Point { x, y });
+        self.footprint().map_or_else(|| rectangle().into(), |shape| shape.corners().into())
+    }
+
+    /// The outline; `None` without an area.
+    #[must_use]
+    pub fn shape(&self) -> Option<Shape> {
+        self.footprint().copied().or_else(|| Shape::hull(&self.corners()))
+    }
+
+    /// Bumper to bumper, m: from the rearmost to the foremost point of the outline.
+    #[must_use]
+    pub fn length_m(&self) -> f64 {
+        let of = |shape: &Shape| shape.front() - shape.rear();
+        self.footprint().map_or(self.length_m.unwrap_or_default(), of)
+    }
+
+    /// Width, m: twice the distance of the farthest corner of the outline from the x axis.
+    #[must_use]
+    pub fn width_m(&self) -> f64 {
+        self.footprint().map_or(self.width_m.unwrap_or_default(), |shape| 2.0 * shape.half_width())
+    }
+
+    /// Half of the width, m.
+    #[must_use]
+    pub fn half_width_m(&self) -> f64 {
+        self.width_m() / 2.0
+    }
+
+    /// Origin to the rearmost point of the outline, m.
+    #[must_use]
+    pub fn rear_m(&self) -> f64 {
+        self.footprint().map_or(self.rear_overhang_m.unwrap_or_default(), |shape| -shape.rear())
+    }
+
+    /// Origin to the foremost point of the outline, m.
     #[must_use]
     pub fn front_m(&self) -> f64 {
-        self.length_m - self.rear_overhang_m
+        self.footprint().map_or_else(|| self.length_m() - self.rear_m(), Shape::front)
     }
 
     /// Distance of the farthest corner of the outline from the origin, m.
     #[must_use]
     pub fn reach_m(&self) -> f64 {
-        self.front_m().max(self.rear_overhang_m).hypot(self.width_m / 2.0)
+        let rectangle = || self.front_m().max(self.rear_m()).hypot(self.width_m() / 2.0);
+        self.footprint().map_or_else(rectangle, Shape::radius)
     }
 
     /// Distance driven in one turn of a wheel, m.
@@ -214,6 +358,21 @@ impl Base {
             Layout::Mecanum(Rectangle { wheelbase_m, track_m }) => (wheelbase_m + track_m) / 2.0,
             Layout::Omni(Circle { radius_m, .. }) => radius_m,
         }
+    }
+
+    /// Contact points of the wheels of a robot of this width, m. The track of two rows of wheels or tracks is the
+    /// effective one, which is up to twice the real one: beyond the width, half of it counts.
+    fn contacts(&self, limits: &Limits, width: f64) -> Vec<Point> {
+        // What is no base is refused by its driver.
+        let Ok(chassis) = self.chassis(limits) else { return Vec::new() };
+        let effective = matches!(self.layout, Layout::Differential(_) | Layout::SkidSteer(_));
+        let wheels = chassis.wheels().iter();
+        wheels
+            .map(|wheel| {
+                let part = if effective && 2.0 * wheel.y_m.abs() > width { 0.5 } else { 1.0 };
+                Point { x: wheel.x_m, y: part * wheel.y_m }
+            })
+            .collect()
     }
 
     /// Kinematics of the base.

@@ -184,11 +184,9 @@ impl Config {
     /// Configuration of a robot of these measures that steers.
     #[must_use]
     pub fn of(settings: Settings, geometry: &Geometry, limits: &Limits, power_lost: f64, sonars: Vec<Sonar>) -> Self {
-        let (front, rear, half) = (geometry.front_m(), -geometry.rear_overhang_m, geometry.width_m / 2.0);
-        let corner = |(x, y)| Point { x, y };
         Self {
             settings,
-            footprint: [(rear, -half), (front, -half), (front, half), (rear, half)].map(corner).into(),
+            footprint: geometry.corners(),
             sonars,
             lidars: Vec::new(),
             base: Ackermann {

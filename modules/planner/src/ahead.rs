@@ -261,6 +261,9 @@ fn nose(body: &Body, direction: Direction) -> Point {
 /// Distance of a point in the robot's frame from its body, m; 0 within it.
 #[must_use]
 pub fn gap(body: &Body, at: Point) -> f64 {
+    if let Some(shape) = &body.shape {
+        return shape.distance(at);
+    }
     let dx = (-body.rear - at.x).max(at.x - body.front).max(0.0);
     let dy = (at.y.abs() - body.width / 2.0).max(0.0);
     if dx == 0.0 || dy == 0.0 { dx + dy } else { libm::hypot(dx, dy) }

@@ -188,7 +188,7 @@ fn walks(person: &Person) -> bool {
 mod tests {
     use super::*;
 
-    const BODY: Body = Body { wheelbase: 0.6, front: 0.75, rear: 0.15, width: 0.6 };
+    const BODY: Body = Body { wheelbase: 0.6, front: 0.75, rear: 0.15, width: 0.6, shape: None };
     const DRIVES: Manner = Manner { distance: Some(1.2), turns: false };
     const TURNS: Manner = Manner { distance: None, turns: true };
 

@@ -4,6 +4,7 @@ use crate::map::Map;
 use crate::search::Abilities;
 use base::Duration;
 use guard::law::Law;
+use kinematics::Shape;
 use navitools::{Point, Pose};
 use settings::{Entry, Form, Section, Value, robot, settings};
 use std::path::PathBuf;
@@ -35,7 +36,7 @@ pub struct Config {
     pub home: Option<Pose>,
 }
 
-/// The rectangle on the floor that the robot covers; origin under the middle of the rear axle.
+/// What the robot covers on the floor; origin under the middle of the rear axle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Body {
     /// Between the axles, m.
@@ -46,19 +47,25 @@ pub struct Body {
     pub rear: f64,
     /// m.
     pub width: f64,
+    /// Its outline within this rectangle; `None`: the rectangle is the outline.
+    pub shape: Option<Shape>,
 }
 
 impl Body {
     /// Whether a point of the robot's frame is within it, grown by `margin` m on all sides.
     #[must_use]
     pub fn covers(&self, point: Point, margin: f64) -> bool {
+        if let Some(shape) = &self.shape {
+            return shape.outside(point) <= margin && shape.distance(point) <= margin;
+        }
         (-self.rear - margin..=self.front + margin).contains(&point.x) && point.y.abs() <= self.width / 2.0 + margin
     }
 
     /// Distance of the farthest corner from the origin, m: its way for each rad on the spot.
     #[must_use]
     pub fn arm(&self) -> f64 {
-        libm::hypot(self.front.max(self.rear), self.width / 2.0)
+        let rectangle = || libm::hypot(self.front.max(self.rear), self.width / 2.0);
+        self.shape.as_ref().map_or_else(rectangle, Shape::radius)
     }
 }
 
@@ -86,8 +93,9 @@ impl From<&robot::Geometry> for Body {
         Self {
             wheelbase: geometry.wheelbase_m,
             front: geometry.front_m(),
-            rear: geometry.rear_overhang_m,
-            width: geometry.width_m,
+            rear: geometry.rear_m(),
+            width: geometry.width_m(),
+            shape: geometry.footprint().copied(),
         }
     }
 }

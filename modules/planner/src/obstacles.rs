@@ -530,7 +530,7 @@ mod tests {
     }
 
     const AGE_MAX: Duration = Duration::from_millis(600);
-    const BODY: Body = Body { wheelbase: 0.60, front: 0.75, rear: 0.15, width: 0.60 };
+    const BODY: Body = Body { wheelbase: 0.60, front: 0.75, rear: 0.15, width: 0.60, shape: None };
 
     fn echo(distance: f64) -> ranges::Measurement {
         if distance.is_nan() { ranges::Measurement::Silent } else { ranges::Measurement::Echo(distance) }

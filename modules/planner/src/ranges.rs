@@ -141,7 +141,7 @@ pub fn of_srfs(received: Instant, message: &DataSrfs, beam: f64) -> Vec<Sounding
 mod tests {
     use super::*;
 
-    const BODY: Body = Body { wheelbase: 0.60, front: 0.75, rear: 0.15, width: 0.60 };
+    const BODY: Body = Body { wheelbase: 0.60, front: 0.75, rear: 0.15, width: 0.60, shape: None };
 
     fn mount(x: f64, y: f64, degrees: f64, beam: f64) -> Mount {
         Mount::of(x, y, degrees.to_radians(), beam).expect("a mount")

@@ -71,6 +71,7 @@ impl PlanningSpace {
             margin_m: MARGIN_M,
             margin_least_m: MARGIN_LEAST_M,
             abilities: *abilities,
+            shape: body.shape,
             ..Limits::new(footprint, radius)
         };
         let still = map.as_ref().map(|map| Field::new(map, Unknown::Blocked));
@@ -87,7 +88,7 @@ impl PlanningSpace {
     /// True if the pose is free on the map alone.
     #[must_use]
     pub fn is_free(&self, pose: Pose) -> bool {
-        self.still.as_ref().is_none_or(|still| self.search.limits().footprint.is_free(still, pose))
+        self.still.as_ref().is_none_or(|still| self.search.limits().is_free(still, pose))
     }
 
     /// First waypoint that is beyond the edges of the map; `None` without a map.

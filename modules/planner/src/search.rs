@@ -160,7 +160,7 @@ impl Search {
             lattice_for: None,
             reach_for: None,
             body: Body::default(),
-            outline: Outline::new(&limits.footprint.corners()),
+            outline: Outline::new(&limits.corners()),
             toll: ProximityCost::default(),
             reach_margin: 0.0,
             reach_toll: ProximityCost::default(),
@@ -252,8 +252,8 @@ impl Search {
             return;
         };
         self.margin = margin;
-        let Limits { footprint, costs, .. } = self.limits;
-        let body = Body::new(footprint.grown(margin.grown), field);
+        let costs = self.limits.costs;
+        let body = self.limits.body(margin.grown, field);
         let resolution = field.frame().resolution;
         if self.lattice_for != Some((resolution, margin)) {
             self.lattice_for = Some((resolution, margin));
@@ -264,7 +264,7 @@ impl Search {
         self.toll = ProximityCost::new(body.inner, &costs);
         // One heuristic for all smaller margins: its cells are larger than their differences.
         self.reach_margin = if self.attempt == 0 { margin.grown } else { self.limits.margin_least() };
-        let narrow = Body::new(footprint.grown(self.reach_margin), field);
+        let narrow = self.limits.body(self.reach_margin, field);
         self.reach_toll = ProximityCost::new(narrow.inner, &costs);
         self.body = body;
         match self.find_target(field) {
@@ -288,7 +288,7 @@ impl Search {
     #[must_use]
     pub fn fits(&self, field: &Field, goal: &Goal) -> bool {
         let Some(least) = (0..).map_while(|attempt| self.limits.margin(attempt)).last() else { return false };
-        let body = Body::new(self.limits.footprint.grown(least.grown), field);
+        let body = self.limits.body(least.grown, field);
         offsets(goal.tolerance_m, field.frame().resolution).any(|offset| {
             (0..goal.headings()).any(|index| {
                 let Pose { x, y, theta } = goal.end(offset, index);

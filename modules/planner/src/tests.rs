@@ -12,7 +12,7 @@ use navitools::{Motion as Moved, Point, Pose, wrap};
 use settings::Section;
 use std::ops::Range;
 
-const BODY: Body = Body { wheelbase: 0.60, front: 0.75, rear: 0.15, width: 0.60 };
+const BODY: Body = Body { wheelbase: 0.60, front: 0.75, rear: 0.15, width: 0.60, shape: None };
 const LIMITS: Limits = Limits {
     speed: 0.8,
     steering: 0.6109,

@@ -11,7 +11,7 @@ use crate::people::Hull;
 use crate::random::Random;
 use crate::world::World;
 use base::Duration;
-use kinematics::{Chassis, Twist, WHEELS_MAX, integrate};
+use kinematics::{Chassis, Shape, Twist, WHEELS_MAX, integrate};
 use navitools::{Ackermann, Motion, Pose};
 use settings::robot::{DrivenAxle, Geometry};
 use wheels::Wheels;
@@ -36,6 +36,9 @@ pub struct Parameters {
     pub overhang_front: f64,
     /// m.
     pub width: f64,
+    /// Outline in the robot's frame within the rectangle by these measures; `None`: that rectangle. The body's inertia
+    /// is always the rectangle's.
+    pub shape: Option<Shape>,
     /// kg.
     pub mass: f64,
     /// Radius of all wheels, m.
@@ -101,6 +104,7 @@ impl Default for Parameters {
             overhang_rear: 0.15,
             overhang_front: 0.15,
             width: 0.60,
+            shape: None,
             mass: 95.0,
             wheel_radius: 0.100,
             force_max: 208.0,
@@ -127,9 +131,10 @@ impl Parameters {
         Self {
             wheelbase: geometry.wheelbase_m,
             track: geometry.track_m,
-            overhang_rear: geometry.rear_overhang_m,
+            overhang_rear: geometry.rear_m(),
             overhang_front: geometry.front_m() - geometry.wheelbase_m,
-            width: geometry.width_m,
+            width: geometry.width_m(),
+            shape: geometry.footprint().copied(),
             wheel_radius: geometry.wheel_radius_m,
             encoder_counts: f64::from(geometry.ticks_per_turn),
             driven: geometry.driven,
@@ -359,7 +364,7 @@ impl Body {
     pub fn hull(&self) -> Hull {
         let p = &self.parameters;
         let outline = (-p.overhang_rear, p.wheelbase + p.overhang_front, p.width / 2.0);
-        Hull::new(self.pose, outline, self.twist())
+        Hull::new(self.pose, outline, self.twist()).shaped(p.shape)
     }
 
     /// Speed of its fastest part, m/s.
@@ -417,14 +422,18 @@ impl Body {
         self.wheels.iter_mut().for_each(Wheels::stop);
     }
 
-    /// Distance of the body's rectangle to the nearest wall or column, m; infinite without one.
+    /// Distance of the body's outline to the nearest wall or column, m; infinite without one.
     #[must_use]
     pub fn clearance(&self, world: &World) -> f64 {
         self.clearance_at(world, self.pose)
     }
 
-    fn clearance_at(&self, world: &World, pose: Pose) -> f64 {
+    /// The same if the body were at this pose.
+    pub(crate) fn clearance_at(&self, world: &World, pose: Pose) -> f64 {
         let p = &self.parameters;
+        if let Some(shape) = &p.shape {
+            return world.clearance_of_shape(pose, shape);
+        }
         world.clearance(pose, -p.overhang_rear, p.wheelbase + p.overhang_front, p.width / 2.0)
     }
 
@@ -718,6 +727,32 @@ mod tests {
         run(&mut body, &world, 2.0, demand);
         assert!(body.switch_closed());
         assert!((body.steering_output().to_degrees() + 37.5).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_polygon_touches_with_its_own_edges() {
+        let corners = [(-0.15, -0.3), (0.75, 0.0), (-0.15, 0.3)].map(|(x, y)| navitools::Point { x, y });
+        let parameters = Parameters { shape: Shape::hull(&corners), ..Parameters::default() };
+        // At a wall its tip.
+        let mut pointed = Body::new(parameters, Pose::new(18.0, 6.0, 0.0));
+        run(&mut pointed, &World::hall(20.0, 12.0), 5.0, speed(1.0));
+        assert_eq!((pointed.speed(), pointed.collisions()), (0.0, 1));
+        assert!((pointed.pose().x - 19.25).abs() < 0.006, "{}", pointed.pose().x);
+        // At a column beside the tip its side, 0.5 m farther back.
+        let centre = navitools::Point { x: 3.0, y: 0.2 };
+        let world = World { columns: vec![crate::world::Column { centre, radius: 0.05 }], ..World::default() };
+        let mut ways = [Parameters::default(), parameters].map(|parameters| {
+            let mut body = Body::new(parameters, Pose::default());
+            run(&mut body, &world, 5.0, speed(1.0));
+            assert_eq!(body.collisions(), 1);
+            let clearance = body.clearance(&world);
+            assert!(clearance > 0.0 && clearance < 0.006, "{clearance}");
+            body.pose().x
+        });
+        ways[0] -= 3.0 - 0.05 - 0.75;
+        // The edge's line is y = (0.75 - x) / 3; the column is at 5 cm from it.
+        ways[1] -= 3.0 - (0.75 - 3.0 * 0.2) - 0.05 * libm::sqrt(10.0);
+        assert!(ways.iter().all(|off| off.abs() < 0.02), "{ways:?}");
     }
 
     #[test]

@@ -15,7 +15,7 @@ use crate::world::{Crowd, World};
 use base::Duration;
 use floor::Field;
 pub(crate) use floor::Floor;
-use kinematics::Twist;
+use kinematics::{Shape, Twist};
 use navitools::{Point, Pose};
 
 /// People think this often.
@@ -73,6 +73,8 @@ pub struct Hull {
     rear: f64,
     front: f64,
     half_width: f64,
+    /// Outline within that rectangle; none: the rectangle.
+    shape: Option<Shape>,
     motion: Twist,
 }
 
@@ -91,7 +93,13 @@ impl Hull {
     /// A rectangle from `rear` to `front` and `half_width` to each side at `pose`, with its velocity.
     #[must_use]
     pub fn new(pose: Pose, (rear, front, half_width): (f64, f64, f64), motion: Twist) -> Self {
-        Self { pose, sin_cos: pose.theta.sin_cos(), rear, front, half_width, motion }
+        Self { pose, sin_cos: pose.theta.sin_cos(), rear, front, half_width, shape: None, motion }
+    }
+
+    /// The same with this outline, within that rectangle; none: the rectangle.
+    #[must_use]
+    pub fn shaped(self, shape: Option<Shape>) -> Self {
+        Self { shape, ..self }
     }
 
     fn is_within(&self, point: Point, reach: f64) -> bool {
@@ -104,7 +112,13 @@ impl Hull {
         let (sin, cos) = self.sin_cos;
         let (dx, dy) = (point.x - self.pose.x, point.y - self.pose.y);
         let (x, y) = (cos * dx + sin * dy, cos * dy - sin * dx);
-        let edge = (x.clamp(self.rear, self.front), y.clamp(-self.half_width, self.half_width));
+        let edge = match &self.shape {
+            Some(shape) => {
+                let Point { x, y } = shape.nearest(Point { x, y });
+                (x, y)
+            }
+            None => (x.clamp(self.rear, self.front), y.clamp(-self.half_width, self.half_width)),
+        };
         let (ox, oy) = (x - edge.0, y - edge.1);
         let gap = libm::sqrt(ox * ox + oy * oy);
         let middle = (self.front + self.rear) / 2.0;

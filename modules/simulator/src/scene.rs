@@ -6,7 +6,7 @@ use crate::random::Random;
 use crate::sonar::{Cone, Echo, Sonar, floor_distance};
 use crate::world::{Column, Hit, Segment, Surface, World, first_hit, nearest};
 use base::Instant;
-use kinematics::{Chassis, Twist};
+use kinematics::{Chassis, Shape, Twist};
 use navitools::{Point, Pose, wrap};
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
@@ -332,9 +332,7 @@ impl Scene {
             let heading = core::f64::consts::TAU * random.uniform();
             place.is_some_and(|place| {
                 let pose = Pose::new(place.x, place.y, heading);
-                let p = self.body.parameters();
-                let front = p.wheelbase + p.overhang_front;
-                let room = self.world.clearance(pose, -p.overhang_rear, front, p.width / 2.0);
+                let room = self.body.clearance_at(&self.world, pose);
                 room > KIDNAP_ROOM && self.put(pose)
             })
         })
@@ -357,6 +355,15 @@ impl Scene {
         let hull = Hull::new(pose, (rear, front, half_width), Twist::ZERO);
         let people = self.people.clearance(self.steps * STEP_NS, &hull);
         self.world.clearance(pose, rear, front, half_width).min(people)
+    }
+
+    /// Distance of a shape in the frame of `pose`.
+    #[must_use]
+    pub fn clearance_of_shape(&self, pose: Pose, shape: &Shape) -> f64 {
+        let extent = (shape.rear(), shape.front(), shape.half_width());
+        let hull = Hull::new(pose, extent, Twist::ZERO).shaped(Some(*shape));
+        let people = self.people.clearance(self.steps * STEP_NS, &hull);
+        self.world.clearance_of_shape(pose, shape).min(people)
     }
 
     /// Pose of the body at a recent instant.

@@ -5,6 +5,7 @@
 mod keys;
 
 use keys::{BEACONS, COLUMNS, DROPS, PEOPLE, POINTS, START, WALLS};
+use kinematics::Shape;
 use navitools::{Point, Pose};
 use settings::{Section, settings};
 use std::path::PathBuf;
@@ -464,6 +465,49 @@ impl World {
         }
         least.max(0.0)
     }
+
+    /// The distance, m, between the nearest wall or column and a shape in the frame of `pose`; 0 when they touch, infinite
+    /// in an empty world.
+    #[must_use]
+    pub fn clearance_of_shape(&self, pose: Pose, shape: &Shape) -> f64 {
+        let inner = pose.inverse().to_outer();
+        let mut least = f64::INFINITY;
+        for wall in &self.walls {
+            let wall = Segment { a: inner(wall.a), b: inner(wall.b) };
+            if crosses_shape(&wall, shape) {
+                return 0.0;
+            }
+            least = least.min(shape.distance(wall.a)).min(shape.distance(wall.b));
+            for corner in shape.corners() {
+                least = least.min(nearest(&wall, *corner).distance(*corner));
+            }
+        }
+        for column in &self.columns {
+            least = least.min(shape.distance(inner(column.centre)) - column.radius);
+        }
+        least.max(0.0)
+    }
+}
+
+/// True if a segment has a point inside the shape (Cyrus and Beck 1978).
+fn crosses_shape(wall: &Segment, shape: &Shape) -> bool {
+    let (dx, dy) = (wall.b.x - wall.a.x, wall.b.y - wall.a.y);
+    let (mut from, mut to) = (0.0f64, 1.0f64);
+    for (a, b) in shape.edges() {
+        let (ex, ey) = (b.x - a.x, b.y - a.y);
+        // Along the normal outwards: the segment's way, and the room of its beginning.
+        let (slope, room) = (ey * dx - ex * dy, ex * (wall.a.y - a.y) - ey * (wall.a.x - a.x));
+        if slope == 0.0 {
+            if room < 0.0 {
+                return false;
+            }
+        } else if slope < 0.0 {
+            from = from.max(room / slope);
+        } else {
+            to = to.min(room / slope);
+        }
+    }
+    from <= to
 }
 
 /// True if a segment has a point inside the rectangle (Liang and Barsky 1984).
@@ -576,6 +620,27 @@ mod tests {
             let least = world.walls.iter().map(of_wall).fold(f64::INFINITY, f64::min);
             assert!(clearance == least || clearance == 0.0, "{clearance} {least} {world:?}");
         }
+    }
+
+    #[test]
+    fn clearance_of_a_rectangle_as_a_shape_is_the_same() {
+        let mut random = crate::random::Random::new(6);
+        let (rear, front, half) = (-0.15, 0.75, 0.30);
+        let shape = Shape::hull(&[p(rear, -half), p(rear, half), p(front, half), p(front, -half)]).unwrap();
+        let mut touched = 0;
+        for _ in 0..2000 {
+            let end =
+                |random: &mut crate::random::Random| p(4.0 * random.uniform() - 2.0, 4.0 * random.uniform() - 2.0);
+            let wall = |random: &mut crate::random::Random| Segment { a: end(random), b: end(random) };
+            let walls = vec![wall(&mut random)];
+            let columns = vec![Column { centre: end(&mut random), radius: 0.1 }];
+            let world = World { walls, columns, ..World::default() };
+            let pose = Pose::new(random.uniform(), random.uniform(), 6.3 * random.uniform());
+            let (one, other) = (world.clearance(pose, rear, front, half), world.clearance_of_shape(pose, &shape));
+            assert!((one - other).abs() < 1e-9, "{one} {other} {world:?}");
+            touched += u32::from(one == 0.0);
+        }
+        assert!(touched > 200 && touched < 1800, "{touched}");
     }
 
     #[test]

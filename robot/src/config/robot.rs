@@ -511,8 +511,13 @@ impl Robot {
     /// Its outline, as pictures of runs show it.
     #[must_use]
     pub fn footprint(&self) -> plot::Footprint {
-        let Geometry { length_m, width_m, rear_overhang_m, .. } = self.geometry;
-        plot::Footprint { length_m, width_m, rear_overhang_m }
+        let geometry = &self.geometry;
+        plot::Footprint {
+            length_m: geometry.length_m(),
+            width_m: geometry.width_m(),
+            rear_overhang_m: geometry.rear_m(),
+            corners: geometry.footprint().map_or_else(Vec::new, |shape| shape.corners().into()),
+        }
     }
 
     /// What its base does beside curves.
@@ -615,6 +620,9 @@ impl Robot {
     }
 
     fn check(&self, table: &Table<'_>) {
+        if let Some(geometry) = table.below("geometry") {
+            self.geometry.check_wheels(self.base.as_ref().map(|base| (base, &self.limits)), &geometry);
+        }
         self.check_axes(table);
         self.check_lines(table);
         self.check_imus(table);

@@ -77,6 +77,8 @@ fn refused(from: &str, to: &str, lines: &[&str]) {
 fn based(base: &str, nodes: &[&str]) -> String {
     let (head, rest) = ROBOT.split_once("nodes = [\n").unwrap();
     let (_, rest) = rest.split_once("]\n").unwrap();
+    // Its wheels are around the origin, and within the outline.
+    let head = head.replace("rear_overhang_m = 0.15", "rear_overhang_m = 0.45");
     format!("{head}nodes = [{}]\n[base]\n{base}\n{rest}", nodes.join(", "))
 }
 
@@ -116,6 +118,129 @@ fn a_base_names_the_axes_of_its_drives() {
     assert_eq!(load(&wrong, "", &[], MODULES).unwrap_err(), [expected]);
     let both = based("kind = \"differential\"\ntrack_m = 0.42", &[&epos(1, "left"), &epos(2, "left")]);
     assert_eq!(load(&both, "", &[], MODULES).unwrap_err().len(), 1, "two drives on one wheel");
+}
+
+/// The rectangle of the small robot.
+const RECTANGLE: &str = "length_m = 0.9\nwidth_m = 0.6\nrear_overhang_m = 0.15\n";
+
+#[test]
+fn an_outline_is_a_polygon_or_a_rectangle() {
+    // A notch at the front, which the hull fills.
+    let corners = "[[0.75, 0.3], [0.6, 0], [0.75, -0.3], [-0.1, -0.3], [-0.25, 0], [-0.1, 0.25]]";
+    let polygon = ROBOT.replace(RECTANGLE, &format!("footprint_m = {corners}\n"));
+    let geometry = load(&polygon, "", &[], MODULES).unwrap().robot.geometry;
+    assert_eq!(geometry.corners().len(), 5);
+    assert!((geometry.footprint_m.unwrap().filled_m2 - 0.045).abs() < 1e-9, "{:?}", geometry.footprint_m);
+    let measures = [geometry.length_m(), geometry.width_m(), geometry.rear_m(), geometry.front_m()];
+    assert_eq!(measures, [1.0, 0.6, 0.25, 0.75]);
+    assert_eq!(geometry.reach_m(), 0.75f64.hypot(0.3));
+    let convex = polygon.replace("[0.6, 0]", "[0.8, 0]");
+    let convex = load(&convex, "", &[], MODULES).unwrap().robot.geometry.footprint_m.unwrap();
+    assert_eq!((convex.shape.corners().len(), convex.filled_m2), (6, 0.0));
+    // As a polygon the rectangle is the same outline.
+    let rectangle = load(ROBOT, "", &[], MODULES).unwrap().robot;
+    let same = "footprint_m = [[-0.15, -0.3], [0.75, -0.3], [0.75, 0.3], [-0.15, 0.3]]\n";
+    let same = load(&ROBOT.replace(RECTANGLE, same), "", &[], MODULES).unwrap().robot;
+    assert_eq!(same.guard_config().footprint, rectangle.guard_config().footprint);
+    assert_eq!(same.geometry.reach_m(), rectangle.geometry.reach_m());
+    assert_eq!(same.footprint().corners.len(), 4);
+    assert!(rectangle.footprint().corners.is_empty());
+}
+
+#[test]
+fn an_outline_that_no_robot_has_is_refused() {
+    let polygon = |corners: &str, why: &str| {
+        refused(
+            RECTANGLE,
+            &format!("footprint_m = {corners}\n"),
+            &[&format!("robot.toml:7: geometry.footprint_m{why}")],
+        );
+    };
+    let number = "a list of 3 to 32 corners [x, y] within -10 to 10";
+    polygon("[[1, 1], [-1, 0]]", &format!(" = [2 items]: expected {number}"));
+    let many: Vec<String> = (0..33).map(|n| format!("[{n}, {}]", n * n)).collect();
+    polygon(&format!("[{}]", many.join(", ")), &format!(" = [33 items]: expected {number}"));
+    polygon("[[1, nan], [-1, 0], [0, 1]]", "[0] = [2 items]: expected two numbers from -10 to 10: x, y");
+    polygon("[[11, 0], [-1, 0], [0, 1]]", "[0] = [2 items]: expected two numbers from -10 to 10: x, y");
+    polygon(
+        "[[1, 1], [-1, -1], [1, -1], [-1, 1]]",
+        " = [4 items]: expected corners one after the other around the polygon: the edge from [0] meets the one from [2]",
+    );
+    polygon(
+        "[[0.1, 0.3], [0.9, 0.3], [0.9, -0.3], [0.1, -0.3]]",
+        " = [4 items]: expected an outline with the reference point [0, 0] in it",
+    );
+    polygon(
+        "[[0.7, 0.3], [0.7, -0.3], [-0.2, 0]]",
+        " = [3 items]: expected an outline with the wheel at [0.000, 0.250] in it",
+    );
+    polygon(
+        "[[0.8, 0], [0.2, -0.3], [-0.2, -0.3], [-0.2, 0.3], [0.2, 0.3]]",
+        " = [5 items]: expected an outline with the wheel at [0.600, 0.250] in it",
+    );
+    let nothing = "expected nothing beside footprint_m, from which it follows";
+    refused(
+        RECTANGLE,
+        &format!("{RECTANGLE}footprint_m = [[0.7, 0.3], [0.7, -0.3], [-0.2, -0.3], [-0.2, 0.3]]\n"),
+        &[
+            &format!("robot.toml:7: geometry.length_m = 0.9: {nothing}"),
+            &format!("robot.toml:8: geometry.width_m = 0.6: {nothing}"),
+            &format!("robot.toml:9: geometry.rear_overhang_m = 0.15: {nothing}"),
+        ],
+    );
+    refused("width_m = 0.6\n", "", &["robot.toml:3: geometry.width_m: missing, expected a number from 0.1 to 10"]);
+    refused(
+        "rear_overhang_m = 0.15",
+        "rear_overhang_m = 4.35",
+        &[
+            "robot.toml:9: geometry.rear_overhang_m = 4.35: expected at most length_m, 0.9, so that the reference point is \
+           in the outline",
+        ],
+    );
+    refused(
+        "rear_overhang_m = 0.15",
+        "rear_overhang_m = 0.5",
+        &["robot.toml:7: geometry.length_m = 0.9: expected at least 1.100 by rear_overhang_m: a wheel is at [0.600, \
+           0.250]"],
+    );
+    refused(
+        "track_m = 0.5",
+        "track_m = 0.7",
+        &["robot.toml:5: geometry.track_m = 0.7: expected at most the width of the outline, 0.6"],
+    );
+}
+
+#[test]
+fn wheels_of_a_base_are_within_the_outline() {
+    let node = |id: usize, axis: &str| format!("{{ id = {id}, driver = \"epos\", axis = \"{axis}\", gear = 26 }}");
+    let pair = [node(1, "left"), node(2, "right")];
+    let differential = |track: f64| {
+        let base = format!("kind = \"differential\"\ntrack_m = {track}");
+        based(&base, &[&pair[0], &pair[1]])
+    };
+    let with = |text: String, from: &str, to: &str| load(&text.replacen(from, to, 1), "", &[], MODULES).map(|_| ());
+    let wide = with(differential(0.42), "track_m = 0.5", "track_m = 4.9");
+    assert_eq!(
+        wide,
+        Err(vec!["robot.toml:5: geometry.track_m = 4.9: expected at most the width of the outline, 0.6".to_owned()])
+    );
+    // The effective track of two rows of wheels may be more than the width, but not anything.
+    assert_eq!(with(differential(1.1), "", ""), Ok(()));
+    let odd = with(differential(1.5), "", "").unwrap_err();
+    assert_eq!(odd, ["robot.toml:8: geometry.width_m = 0.6: expected at least 0.750: a wheel is at [0.000, 0.375]"]);
+    let nose = "footprint_m = [[0.6, 0], [-0.2, 0.3], [-0.2, -0.3]]\n";
+    let rectangle = RECTANGLE.replace("0.15", "0.45");
+    let outside = with(differential(0.5), &rectangle, nose).unwrap_err();
+    let expected = "an outline with the wheel at [0.000, 0.250] in it";
+    assert_eq!(outside, [format!("robot.toml:7: geometry.footprint_m = [3 items]: expected {expected}")]);
+    let mecanum = "kind = \"mecanum\"\ntrack_m = 0.4\nwheelbase_m = 0.5";
+    let four = ["front_left", "front_right", "rear_left", "rear_right"];
+    let four: Vec<String> = four.iter().enumerate().map(|(n, axis)| node(n + 1, axis)).collect();
+    let mecanum = based(mecanum, &four.iter().map(String::as_str).collect::<Vec<_>>());
+    let behind = with(mecanum, "rear_overhang_m = 0.45", "rear_overhang_m = 0.15").unwrap_err();
+    assert_eq!(behind.len(), 1);
+    let why = "robot.toml:9: geometry.rear_overhang_m = 0.15: expected at least 0.250: a wheel is at [-0.250, ";
+    assert!(behind[0].starts_with(why), "{behind:?}");
 }
 
 /// An ODrive of a wheel.
@@ -1097,10 +1222,7 @@ fn every_shipped_world_starts_clear_and_its_routes_have_room() {
     assert_eq!(names, ["corridor", "empty", "foyer", "hall", "warehouse"]);
     let g = Config::load(&shipped(), true, &[]).unwrap().robot.geometry;
     for (name, world) in &worlds {
-        let clearance = |pose| {
-            let front = g.length_m - g.rear_overhang_m;
-            world.clearance(pose, -g.rear_overhang_m, front, g.width_m / 2.0)
-        };
+        let clearance = |pose| world.clearance(pose, -g.rear_m(), g.front_m(), g.width_m() / 2.0);
         assert!(clearance(world.start) >= 0.2, "{name}: it starts {} m from a wall", clearance(world.start));
         assert!(world.routes.iter().any(|route| route.name == "patrol"), "{name}: no route patrol");
         assert!(world.beacons.len() >= 3, "{name}: {} beacons", world.beacons.len());

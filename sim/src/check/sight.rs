@@ -18,6 +18,7 @@ use super::Verdict;
 use super::facts::Facts;
 use super::promise::{CONTACT_MPS, STANDS_MPS, undisturbed_since};
 use base::{Duration, Instant};
+use kinematics::Shape;
 use messages::simulation::{DataPeople, DataTruth};
 use navitools::{Point, Pose, wrap};
 use simulator::people::{Contact, Mover};
@@ -56,6 +57,8 @@ pub struct Sight {
     pub braking_mps2: f64,
     /// The robot's outline, m: rear and front edge on its axis, half of its width.
     pub body: (f64, f64, f64),
+    /// Its outline within that rectangle; none: the rectangle.
+    pub shape: Option<Shape>,
 }
 
 /// How many contacts there were at more than `CONTACT_MPS`, and the greatest speed of the robot towards the other,
@@ -117,7 +120,8 @@ impl Rule {
             if passed > 0.0 { wrap(truth.theta - last.pose.theta.radians()).abs() / passed } else { 0.0 }
         });
         let (rear, front, half_width) = sight.body;
-        let corner = libm::hypot(rear.abs().max(front.abs()), half_width);
+        let rectangle = || libm::hypot(rear.abs().max(front.abs()), half_width);
+        let corner = sight.shape.as_ref().map_or_else(rectangle, Shape::radius);
         self.samples.push_back(Sample { at: now, pose, speed: truth.speed.abs() + turns * corner });
         while self.samples.front().is_some_and(|old| now.since(old.at) > KEPT_FOR) {
             self.samples.pop_front();
@@ -167,7 +171,7 @@ impl Rule {
         }
         let touched = match contact.person {
             Some(person) => Some(Touched::Person(person.number as usize)),
-            None => self.samples.back().and_then(|last| nearest_thing(world, last.pose, sight.body)),
+            None => self.samples.back().and_then(|last| nearest_thing(world, last.pose, sight)),
         };
         let since = touched.and_then(|touched| self.in_sight_since(now, contact, touched, sight, world));
         let Some((since, stood)) = since else {
@@ -301,15 +305,21 @@ enum Touched {
 }
 
 /// What stands nearest to the robot's outline; none if that is glass or a mirror, or if there is nothing.
-fn nearest_thing(world: &World, robot: Pose, (rear, front, half_width): (f64, f64, f64)) -> Option<Touched> {
+fn nearest_thing(world: &World, robot: Pose, sight: &Sight) -> Option<Touched> {
+    let (rear, front, half_width) = sight.body;
     let gap = |at: Point| {
         let (sin, cos) = robot.theta.sin_cos();
         let (dx, dy) = (at.x - robot.x, at.y - robot.y);
         let (x, y) = (cos * dx + sin * dy, cos * dy - sin * dx);
-        libm::hypot(x - x.clamp(rear, front), y - y.clamp(-half_width, half_width))
+        match &sight.shape {
+            Some(shape) => shape.distance(Point { x, y }),
+            None => libm::hypot(x - x.clamp(rear, front), y - y.clamp(-half_width, half_width)),
+        }
     };
-    let corners = [(rear, -half_width), (rear, half_width), (front, half_width), (front, -half_width)];
-    let corners = corners.map(|(x, y)| robot * Point { x, y });
+    let rectangle = [(rear, -half_width), (rear, half_width), (front, half_width), (front, -half_width)];
+    let rectangle = rectangle.map(|(x, y)| Point { x, y });
+    let corners = sight.shape.as_ref().map_or(&rectangle[..], Shape::corners);
+    let corners: Vec<Point> = corners.iter().map(|corner| robot * *corner).collect();
     let mut found: Option<(f64, Option<Touched>)> = None;
     let mut take = |gap: f64, thing| {
         if found.is_none_or(|(least, _)| gap < least) {
@@ -318,7 +328,7 @@ fn nearest_thing(world: &World, robot: Pose, (rear, front, half_width): (f64, f6
     };
     for wall in &world.walls {
         let shown = !world.glass.contains(wall) && !world.shiny.contains(wall);
-        for at in corners.map(|corner| nearest_on(wall, corner)).into_iter().chain([wall.a, wall.b]) {
+        for at in corners.iter().map(|corner| nearest_on(wall, *corner)).chain([wall.a, wall.b]) {
             take(gap(at), shown.then_some(Touched::Wall(at)));
         }
     }

@@ -552,6 +552,9 @@ impl Operator {
     }
 
     fn clearance(&self, pose: Pose) -> f64 {
+        if let Some(shape) = &self.behaviour.shape {
+            return self.world.clearance_of_shape(pose, shape);
+        }
         let (rear, front, half_width) = self.behaviour.body;
         self.world.clearance(pose, -rear, front, half_width)
     }

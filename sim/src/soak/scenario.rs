@@ -2,6 +2,7 @@
 
 use super::Fault;
 use base::Duration;
+use kinematics::Shape;
 use settings::{Section, Span, Texts, settings};
 use std::collections::BTreeSet;
 
@@ -104,6 +105,8 @@ settings! {
         wheelbase: f64 = unset 0.6;
         /// Behind and ahead of the rear axle, and half its width, m.
         body: (f64, f64, f64) = unset (0.15, 0.75, 0.30);
+        /// Its outline within that rectangle; none: the rectangle.
+        shape: Option<Shape> = unset None;
     }
 }
 

@@ -296,6 +296,31 @@ fn somebody_ahead_slows_first_and_stops_then() {
 }
 
 #[test]
+fn a_corner_that_sticks_out_stops_earlier_and_one_that_is_missing_later() {
+    let permitted = |corners: &[(f64, f64)], obstacle: Obstacle| {
+        let footprint = corners.iter().map(|&(x, y)| Point { x, y }).collect();
+        let mut fields = Fields::new(&Config { footprint, ..config() }, BASE).expect("a body");
+        let still = Obstacle { approaches: false, ..obstacle };
+        fields.bound(Direction::Forward, &Motion::default(), &[still]).speed
+    };
+    let rectangle = [(-0.15, -0.3), (0.75, -0.3), (0.75, 0.3), (-0.15, 0.3)];
+    // An L, by its hull, and a triangle.
+    let ell = [(-0.15, -0.3), (0.75, -0.3), (0.75, 0.1), (1.15, 0.1), (1.15, 0.3), (-0.15, 0.3)];
+    let triangle = [(-0.15, -0.3), (0.75, 0.0), (-0.15, 0.3)];
+    let law = *Fields::new(&config(), BASE).expect("a body").law();
+    let [of_rectangle, of_ell, of_triangle] =
+        [&rectangle[..], &ell, &triangle].map(|corners| permitted(corners, at(1.65, 0.2)));
+    assert!(of_ell < of_rectangle - 0.1 && of_rectangle < of_triangle, "{of_ell} {of_rectangle} {of_triangle}");
+    assert!(of_ell <= law.stops_within(0.5) + 1e-9, "{of_ell}");
+    // What is beside the tip, within the rectangle, stops the triangle later than at once.
+    assert_eq!(permitted(&rectangle, at(0.7, 0.25)), 0.0);
+    let mut turns = Fields::new(&Config { footprint: triangle.map(|(x, y)| Point { x, y }).into(), ..config() }, BASE)
+        .expect("a body");
+    assert!((turns.radius() - 0.75).abs() < 0.2, "{}", turns.radius());
+    assert!(turns.bound(Direction::Forward, &Motion::default(), &[at(0.9, 0.0)]).speed < 0.3);
+}
+
+#[test]
 fn what_stands_stops_but_does_not_slow() {
     let mut fields = Fields::new(&config(), BASE).expect("a body");
     let mut standing = |x| {

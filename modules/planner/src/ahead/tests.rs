@@ -9,7 +9,7 @@ use crate::search::Abilities;
 const LEG: f64 = 0.06;
 
 fn config() -> Config {
-    let body = Body { wheelbase: 0.60, front: 0.75, rear: 0.15, width: 0.60 };
+    let body = Body { wheelbase: 0.60, front: 0.75, rear: 0.15, width: 0.60, shape: None };
     let limits = Limits {
         speed: 0.8,
         steering: 0.6109,

@@ -1,9 +1,9 @@
-//! Collision check of the robot's rectangle against the distance field.
+//! Collision check of the robot's outline, a rectangle or a convex polygon, against the distance field.
 
 use super::lattice::Sample;
 use crate::map::Field;
 use crate::path::Move;
-use kinematics::Twist;
+use kinematics::{Shape, Twist};
 use navitools::{Point, Pose};
 
 /// Largest turn between two checked poses on the spot, rad: a corner leaves the chord by less than a millimetre.
@@ -61,7 +61,14 @@ pub(crate) struct Body {
     apart: f64,
     beside: u32,
     circle: f32,
+    /// Outline within that rectangle; `None`: the rectangle itself.
+    shape: Option<Shape>,
+    /// Radius of the circle around the middle that the outline holds, m.
+    within: f64,
 }
+
+/// Points of the axis among which the middle of a polygon is chosen.
+const MIDDLES: u32 = 64;
 
 /// What circles show of a pose.
 enum Circles {
@@ -92,7 +99,29 @@ impl Body {
             apart: 2.0 * each,
             beside: count / 2,
             circle: outer(libm::hypot(each, half_width)),
+            shape: None,
+            within: short,
         }
+    }
+
+    /// A convex polygon with the reference point in it. Its middle is the point of the axis that is farthest from its
+    /// edges; the circles cover the rectangle around that point.
+    pub(crate) fn shaped(shape: Shape, field: &Field) -> Self {
+        let (rear, front) = (shape.rear(), shape.front());
+        let (mut ahead, mut within) = (0.0, -shape.outside(Point::default()));
+        for part in 0..=MIDDLES {
+            let x = rear + (front - rear) * f64::from(part) / f64::from(MIDDLES);
+            let depth = -shape.outside(Point { x, y: 0.0 });
+            if depth > within {
+                (ahead, within) = (x, depth);
+            }
+        }
+        let half_length = (front - ahead).max(ahead - rear);
+        let rectangle =
+            Footprint { length_m: 2.0 * half_length, width_m: 2.0 * shape.half_width(), rear_m: half_length - ahead };
+        let body = Self::new(rectangle, field);
+        let half_diagonal = field.frame().resolution * core::f64::consts::FRAC_1_SQRT_2;
+        Self { inner: (within - half_diagonal) as f32, shape: Some(shape), within, ..body }
     }
 
     /// Distance of the field at the middle.
@@ -161,6 +190,9 @@ impl Body {
     /// True if no occupied cell touches the rectangle, and all of it is on the map. Exact: in each row of cells, it
     /// touches those between its leftmost and rightmost point in the row.
     fn is_free_exactly(&self, field: &Field, Sample { x, y, sin, cos }: Sample) -> bool {
+        if let Some(shape) = &self.shape {
+            return is_free_exactly(shape, field, Sample { x, y, sin, cos });
+        }
         let frame = field.frame();
         let per_metre = 1.0 / frame.resolution;
         let (along, across) = (libm::fabs(cos), libm::fabs(sin));
@@ -211,6 +243,10 @@ impl Body {
     /// Way of the fastest point of the rectangle for each metre of a motion, or rad on the spot, m.
     pub(crate) fn way(&self, part: Move) -> f64 {
         let Twist { vx, vy, omega } = part.twist();
+        if let Some(shape) = &self.shape {
+            let speed = |corner: &Point| libm::hypot(vx - omega * corner.y, vy + omega * corner.x);
+            return shape.corners().iter().map(speed).fold(0.0, f64::max);
+        }
         let farthest = self.half_length + libm::fabs(self.ahead);
         libm::hypot(libm::fabs(vx) + libm::fabs(omega) * self.half_width, libm::fabs(vy) + libm::fabs(omega) * farthest)
     }
@@ -222,6 +258,10 @@ impl Body {
     /// d sin a cos a.
     pub(crate) fn spacing(&self, part: Move, deviation: f64) -> f64 {
         let Twist { vx, vy, omega } = part.twist();
+        if let Some(shape) = &self.shape {
+            let most = if matches!(part, Move::Turn(_)) { TURN_MAX_RAD } else { self.within };
+            return (deviation / height(shape, part.twist())).min(most);
+        }
         let ends = [self.ahead + self.half_length, self.ahead - self.half_length];
         let sides = [self.half_width, -self.half_width];
         let corners = ends.into_iter().flat_map(|x| sides.map(|y| (x, y)));
@@ -240,12 +280,15 @@ impl Body {
 
     /// Penetration from which the robot cannot drive out, m.
     pub(crate) fn half_width(&self) -> f64 {
-        self.half_width.min(self.half_length)
+        self.within
     }
 
     /// Largest penetration of an occupied cell, m; 0 if free; infinite if part of it is off the map. Exact: squares
     /// against a rectangle by the separating axis test.
     pub(crate) fn depth(&self, field: &Field, x: f64, y: f64, sin: f64, cos: f64) -> f64 {
+        if let Some(shape) = &self.shape {
+            return depth(shape, field, Sample { x, y, sin, cos });
+        }
         let frame = field.frame();
         let (x, y) = (x + self.ahead * cos, y + self.ahead * sin);
         let (along, across) = (libm::fabs(cos), libm::fabs(sin));
@@ -268,4 +311,102 @@ impl Body {
         }
         deepest
     }
+}
+
+/// A shape's edges at a pose.
+fn edges(shape: &Shape, at: Sample) -> impl Iterator<Item = (Point, Point)> + Clone + '_ {
+    let place = move |Point { x, y }: Point| {
+        let Point { x, y } = Point { x: at.cos * x - at.sin * y, y: at.sin * x + at.cos * y };
+        Point { x: at.x + x, y: at.y + y }
+    };
+    shape.edges().map(move |(a, b)| (place(a), place(b)))
+}
+
+/// Lower left and upper right corner of the rectangle around a shape's edges.
+fn extent(edges: impl Iterator<Item = (Point, Point)>) -> (Point, Point) {
+    let (low, high) = (f64::INFINITY, f64::NEG_INFINITY);
+    edges.fold((Point { x: low, y: low }, Point { x: high, y: high }), |(low, high), (a, _)| {
+        let low = Point { x: low.x.min(a.x), y: low.y.min(a.y) };
+        (low, Point { x: high.x.max(a.x), y: high.y.max(a.y) })
+    })
+}
+
+/// True if no occupied cell touches the shape, and all of it is on the map: in each row of cells, it touches those
+/// between its leftmost and rightmost point in the row.
+fn is_free_exactly(shape: &Shape, field: &Field, at: Sample) -> bool {
+    let frame = field.frame();
+    let per_metre = 1.0 / frame.resolution;
+    let cell = |point: Point| Point { x: (point.x - frame.x) * per_metre, y: (point.y - frame.y) * per_metre };
+    let edges = edges(shape, at).map(|(a, b)| (cell(a), cell(b)));
+    let (low, high) = extent(edges.clone());
+    let inside = low.x >= 0.0 && low.y >= 0.0 && high.x <= frame.width as f64 && high.y <= frame.height as f64;
+    if !inside {
+        return false;
+    }
+    for row in low.y as usize..libm::ceil(high.y) as usize {
+        let (bottom, top) = (row as f64, (row + 1) as f64);
+        let (mut from, mut to) = (f64::INFINITY, f64::NEG_INFINITY);
+        for (a, b) in edges.clone() {
+            let (under, over) = if a.y <= b.y { (a, b) } else { (b, a) };
+            if over.y < bottom || under.y > top {
+                continue;
+            }
+            let slope = (over.x - under.x) / (over.y - under.y);
+            // Of an edge along the row both ends count.
+            let cut = |y: f64, end: Point| if y == end.y { end.x } else { under.x + (y - under.y) * slope };
+            for x in [cut(under.y.max(bottom), under), cut(over.y.min(top), over)] {
+                (from, to) = (from.min(x), to.max(x));
+            }
+        }
+        let (from, to) = (from.max(0.0) as usize, libm::ceil(to) as usize);
+        if to > from && field.is_occupied(row, from, to.min(frame.width) - 1) {
+            return false;
+        }
+    }
+    true
+}
+
+/// Largest penetration of an occupied cell into the shape, m, by the separating axis test; 0 if free; infinite if part of
+/// it is off the map.
+fn depth(shape: &Shape, field: &Field, at: Sample) -> f64 {
+    let frame = field.frame();
+    let edges = edges(shape, at);
+    let (low, high) = extent(edges.clone());
+    let (low, high) = (frame.cell(low.x, low.y), frame.cell(high.x, high.y));
+    let (Some((left, bottom)), Some((right, top))) = (low, high) else { return f64::INFINITY };
+    let half = frame.resolution / 2.0;
+    let mut deepest = 0f64;
+    for row in bottom..=top {
+        for column in field.occupied(row, left, right) {
+            let (x, y) = frame.centre(column, row);
+            let beyond = |(a, b): (Point, Point)| {
+                let (dx, dy) = (b.x - a.x, b.y - a.y);
+                let reach = half * (libm::fabs(dx) + libm::fabs(dy));
+                (reach + dx * (y - a.y) - dy * (x - a.x)) / libm::hypot(dx, dy)
+            };
+            deepest = deepest.max(edges.clone().map(beyond).fold(f64::INFINITY, f64::min));
+        }
+    }
+    deepest
+}
+
+/// Largest distance of a point between two poses of a shape from both, by the distance of the poses, for small ones.
+///
+/// A corner that is the outermost one across its motion, with the angles a and b between that and its edges, leaves a
+/// triangle between the poses. The point of its base that is as far from both edges is at sin a sin b / (sin a + sin b)
+/// of the corner's way. What any other corner passes is within one of the poses.
+fn height(shape: &Shape, twist: Twist) -> f64 {
+    let next = shape.edges().cycle().skip(1);
+    let height = |((before, corner), (_, after)): ((Point, Point), (Point, Point))| {
+        let (vx, vy) = (twist.vx - twist.omega * corner.y, twist.vy + twist.omega * corner.x);
+        let speed = libm::hypot(vx, vy);
+        let sine = |end: Point| {
+            let (dx, dy) = (end.x - corner.x, end.y - corner.y);
+            (vx * dy - vy * dx) / (speed * libm::hypot(dx, dy))
+        };
+        let (one, other) = (sine(before), sine(after));
+        // Both edges on the same side of the motion.
+        if speed > 0.0 && one * other > 0.0 { speed * libm::fabs(one * other / (one + other)) } else { 0.0 }
+    };
+    shape.edges().zip(next).map(height).fold(0.0, f64::max)
 }

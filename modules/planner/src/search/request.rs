@@ -1,15 +1,19 @@
 //! Request to a search, and its result.
 
-use super::footprint::Footprint;
+use super::footprint::{Body, Footprint};
+use crate::map::Field;
 use crate::path::{Move, Path};
 use base::listed;
-use kinematics::Direction;
+use kinematics::{Direction, Shape};
+use navitools::{Point, Pose};
 
 /// Geometry of the robot, and preferences.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// Footprint of the robot.
+    /// Footprint of the robot, or the rectangle around it if it has a `shape`.
     pub footprint: Footprint,
+    /// Outline of a robot that is no rectangle, within `footprint`; the reference point is in it.
+    pub shape: Option<Shape>,
     /// Margin on all sides, m; not below 0.
     pub margin_m: f64,
     /// Smallest margin, m: where no path has the whole margin, paths with half of it, a quarter of it and this one are
@@ -31,6 +35,7 @@ impl Limits {
     pub fn new(footprint: Footprint, radius_m: f64) -> Self {
         Self {
             footprint,
+            shape: None,
             margin_m: 0.02,
             margin_least_m: 0.0,
             radius_m,
@@ -70,6 +75,38 @@ pub(crate) struct Margin {
 }
 
 impl Limits {
+    /// Limits of a robot that steers, with this outline and turning radius; all others at their defaults.
+    #[must_use]
+    pub fn shaped(shape: Shape, radius_m: f64) -> Self {
+        let length_m = shape.front() - shape.rear();
+        let footprint = Footprint { length_m, width_m: 2.0 * shape.half_width(), rear_m: -shape.rear() };
+        Self { shape: Some(shape), ..Self::new(footprint, radius_m) }
+    }
+
+    /// True if no occupied cell touches the outline, and all of it is on the map.
+    #[must_use]
+    pub fn is_free(&self, field: &Field, pose: Pose) -> bool {
+        let (sin, cos) = pose.theta.sin_cos();
+        match self.shape {
+            Some(shape) => Body::shaped(shape, field).is_free(field, pose.x, pose.y, sin, cos),
+            None => self.footprint.is_free(field, pose),
+        }
+    }
+
+    /// Corners of the outline, m, counter-clockwise.
+    #[must_use]
+    pub fn corners(&self) -> Vec<Point> {
+        self.shape.map_or_else(|| self.footprint.corners().into(), |shape| shape.corners().into())
+    }
+
+    /// The outline with a margin, for checks on a field.
+    pub(crate) fn body(&self, margin_m: f64, field: &Field) -> Body {
+        match self.shape {
+            Some(shape) => Body::shaped(shape.grown(margin_m), field),
+            None => Body::new(self.footprint.grown(margin_m), field),
+        }
+    }
+
     /// Smallest margin that is tried, m.
     pub(crate) fn margin_least(&self) -> f64 {
         self.margin_least_m.min(self.margin_m)

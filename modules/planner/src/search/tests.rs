@@ -318,4 +318,91 @@ fn the_footprint_check_equals_a_test_of_each_cell() {
     }
 }
 
+/// A robot with its body to the right, and a nose: its rectangle, on both sides of the axis, is much wider.
+fn to_the_right() -> Limits {
+    let corners = [(0.3, -0.25), (0.5, -0.1), (0.3, 0.1), (-0.15, 0.1), (-0.15, -0.25)];
+    let shape = kinematics::Shape::hull(&corners.map(|(x, y)| navitools::Point { x, y })).expect("an outline");
+    Limits::shaped(shape, 0.4)
+}
+
+#[test]
+fn a_gap_that_only_the_polygon_fits_is_passed() {
+    let field = room(&[(5.0, 0.0, 5.0, 3.7), (5.0, 4.15, 5.0, 8.0)]);
+    let (start, goal) = (Pose::new(2.0, 2.0, 0.0), pose_goal(8.0, 6.0, 0.0));
+    let limits = to_the_right();
+    let mut search = Search::new(Limits { shape: None, ..limits });
+    let blocked = search.plan(&field, start, goal, Budget::default()).map(Path::length);
+    assert_eq!(blocked, Err(SearchError::Unreachable), "its rectangle");
+    let mut search = Search::new(limits);
+    let path = search.plan(&field, start, goal, Budget::default()).unwrap();
+    let mut pose = start;
+    for part in path.moves() {
+        let pieces = libm::ceil(part.extent() / 0.01).max(1.0);
+        for _ in 0..pieces as u32 {
+            pose = part.with(part.size() / pieces).from(pose);
+            assert!(limits.is_free(&field, pose), "touches at {pose:?}");
+        }
+    }
+    assert!(pose.point().distance(navitools::Point { x: 8.0, y: 6.0 }) < 1e-6);
+    // On the other side of the axis the body would not fit in.
+    assert!(!limits.is_free(&field, Pose::new(5.0, 3.85, 0.0)) && limits.is_free(&field, Pose::new(5.0, 4.01, 0.0)));
+}
+
+#[test]
+fn a_base_turns_on_the_spot_where_only_the_polygon_can() {
+    // A round body by 24 corners between walls; the corners of its square would touch.
+    let corner = |n: u32| {
+        let (y, x) = libm::sincos(f64::from(n) / 24.0 * core::f64::consts::TAU);
+        navitools::Point { x: 0.3 * x, y: 0.3 * y }
+    };
+    let shape = kinematics::Shape::hull(&(0..24).map(corner).collect::<Vec<_>>()).expect("an outline");
+    let abilities = Abilities { turns: true, ..Abilities::default() };
+    let round = Limits { abilities, ..Limits::shaped(shape, 0.3) };
+    let field = room(&[(2.0, 3.6, 8.0, 3.6), (2.0, 4.4, 8.0, 4.4), (8.0, 3.6, 8.0, 4.4)]);
+    let (start, goal) = (Pose::new(5.0, 4.0, 0.0), pose_goal(6.0, 4.0, core::f64::consts::PI));
+    let path = Search::new(round).plan(&field, start, goal, Budget::default()).map(|path| path.moves().to_vec());
+    let path = path.expect("a path");
+    assert!(path.iter().any(|part| matches!(part, Move::Turn(_))), "{path:?}");
+    assert!(Search::new(Limits { shape: None, ..round }).plan(&field, start, goal, Budget::default()).is_err());
+}
+
+#[test]
+fn the_check_of_a_polygon_equals_a_test_of_each_cell() {
+    let mut seed = 7u32;
+    let mut random = move |high: f64| {
+        seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        f64::from(seed >> 8) / f64::from(1 << 24) * high
+    };
+    let limits = to_the_right();
+    let shape = limits.shape.expect("an outline");
+    let (mut free, mut touching) = (0, 0);
+    for _ in 0..40 {
+        let mut map = Map::around((0.0, 0.0), (6.0, 6.0), 0.05).unwrap();
+        (0..12).for_each(|_| map.column((random(6.0), random(6.0)), random(0.2)));
+        let field = Field::new(&map, Unknown::Blocked);
+        for _ in 0..200 {
+            let pose = Pose::new(random(6.0), random(6.0), random(6.3));
+            let seen = limits.is_free(&field, pose);
+            let points = |most: u32, from: f64| (0..=most).map(move |n| from + f64::from(n) * 0.01);
+            let points = points(65, -0.15).flat_map(|x| points(35, -0.25).map(move |y| navitools::Point { x, y }));
+            let blocked = |within: f64| {
+                points.clone().filter(|point| shape.outside(*point) <= within).any(|point| {
+                    let at = pose * point;
+                    map.at(at.x, at.y) != Some(crate::map::Cell::Free)
+                })
+            };
+            let touches = blocked(0.0);
+            assert!(!(seen && touches), "{pose:?} touches");
+            // A cell that touches only between the points is as near as they are to each other.
+            let near =
+                limits.body(0.0, &field).depth(&field, pose.x, pose.y, pose.theta.sin_cos().0, pose.theta.sin_cos().1);
+            assert!(seen || touches || near < 0.015 || near == f64::INFINITY, "{pose:?} is free: {near}");
+            assert!(seen == (near <= 1e-9), "{pose:?}: {near}");
+            free += u32::from(seen);
+            touching += u32::from(touches);
+        }
+    }
+    assert!(free > 100 && touching > 100, "{free} {touching}");
+}
+
 mod bases;

@@ -8,7 +8,7 @@ use core::f64::consts::{FRAC_PI_2, PI};
 use messages::lowlevel::{DataGuard, DataVelocity};
 use messages::middlelevel::CmdMode;
 
-const COURIER: Body = Body { wheelbase: 0.30, front: 0.35, rear: 0.35, width: 0.50 };
+const COURIER: Body = Body { wheelbase: 0.30, front: 0.35, rear: 0.35, width: 0.50, shape: None };
 const TURNS: Abilities = Abilities { turns: true, sideways: false };
 const ALL: Abilities = Abilities { turns: true, sideways: true };
 const OF_COURIER: Limits = Limits {

@@ -7,7 +7,8 @@
 use super::battery::{Battery, BatteryConfig};
 use crate::scene::Scene;
 use base::{Deadlines, Duration, Instant, earliest};
-use navitools::Pose;
+use kinematics::Shape;
+use navitools::{Point, Pose};
 use rs485::boards::psc1::{
     CHANNELS, Currents, GET_CURRENTS, GET_PWR_STATUS, SET_PWR_STATUS, Unasked, build_currents, build_status, parse_set,
 };
@@ -316,6 +317,11 @@ fn bumper_gaps(scene: &Scene) -> [f64; 8] {
     const DEPTH: f64 = 0.02;
     let body = scene.body();
     let p = body.parameters();
+    if let Some(shape) = &p.shape {
+        return std::array::from_fn(|place| {
+            bumper(shape, place).map_or(f64::INFINITY, |bumper| scene.clearance_of_shape(body.pose(), &bumper))
+        });
+    }
     let (front, quarter) = (p.wheelbase + p.overhang_front, p.width / 4.0);
     std::array::from_fn(|place| {
         let across = (1.5 - (place % 4) as f64) * quarter;
@@ -328,13 +334,38 @@ fn bumper_gaps(scene: &Scene) -> [f64; 8] {
     })
 }
 
+/// The part of a shape, 2 cm deep, behind a bumper switch: a quarter of its width, of its front or rear.
+fn bumper(shape: &Shape, place: usize) -> Option<Shape> {
+    const DEPTH: f64 = 0.02;
+    const POINTS: usize = 4;
+    let (left, right) = (shape.reach(Point { x: 0.0, y: 1.0 }), -shape.reach(Point { x: 0.0, y: -1.0 }));
+    let quarter = (left - right) / 4.0;
+    let sign = if place < 4 { 1.0 } else { -1.0 };
+    let beside = if place < 4 { place } else { 7 - place };
+    let edge = |y: f64| {
+        let across = |(a, b): (Point, Point)| {
+            let within = y >= a.y.min(b.y) && y <= a.y.max(b.y);
+            let part = if a.y == b.y { 0.0 } else { (y - a.y) / (b.y - a.y) };
+            let x = if a.y == b.y { (sign * a.x).max(sign * b.x) } else { sign * (a.x + part * (b.x - a.x)) };
+            within.then_some(x)
+        };
+        shape.edges().filter_map(across).fold(f64::NEG_INFINITY, f64::max)
+    };
+    let ends: Vec<(f64, f64)> = (0..=POINTS)
+        .map(|n| left - quarter * (beside as f64 + n as f64 / POINTS as f64))
+        .map(|y| (edge(y.clamp(right, left)), y.clamp(right, left)))
+        .filter(|(x, _)| x.is_finite())
+        .collect();
+    let corners = ends.iter().flat_map(|&(x, y)| [x, x - DEPTH].map(|x| Point { x: sign * x, y }));
+    Shape::hull(&corners.collect::<Vec<_>>())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::body::Parameters;
     use crate::sonar::Sonar;
     use crate::world::{Column, World};
-    use navitools::Point;
     use rs485::boards::psc1::{build_set, parse_currents};
 
     fn at(ms: u64) -> Instant {
@@ -343,6 +374,26 @@ mod tests {
 
     fn scene(world: World) -> Scene {
         Scene::new(Instant::ZERO, world, Parameters::default(), Sonar::default(), 1)
+    }
+
+    #[test]
+    fn bumpers_of_a_polygon_are_along_its_front_and_its_rear() {
+        let corners = [(0.4, 0.0), (0.2, 0.25), (-0.2, 0.25), (-0.4, 0.0), (-0.2, -0.25), (0.2, -0.25)];
+        let shape = Shape::hull(&corners.map(|(x, y)| Point { x, y })).unwrap();
+        let bumpers: Vec<Shape> = (0..8).map(|place| bumper(&shape, place).expect("a bumper")).collect();
+        for (place, expected) in
+            [(0, (0.2, 0.25)), (1, (0.4, 0.0)), (3, (0.2, -0.25)), (4, (-0.2, -0.25)), (7, (-0.2, 0.25))]
+        {
+            let (x, y) = expected;
+            assert!(bumpers[place].distance(Point { x, y }) < 1e-9, "{place}: {:?}", bumpers[place]);
+        }
+        // Of each point of the front one of the four is at most a little away.
+        for n in 0..100 {
+            let y = f64::from(n) * 0.005 - 0.25;
+            let front = Point { x: 0.4 - 0.8 * y.abs(), y };
+            let near = bumpers[..4].iter().map(|bumper| bumper.distance(front)).fold(f64::INFINITY, f64::min);
+            assert!(near < 1e-9 && bumpers[4..].iter().all(|bumper| bumper.distance(front) > 0.1), "{front:?} {near}");
+        }
     }
 
     fn board() -> Psc1 {

@@ -28,7 +28,13 @@ fn drives(
     let lidar = SeeingLidar { bus: "lidar.top".into(), mount: Pose::new(0.2, 0.0, 0.0), view_rad, reach_m: 6.0 };
     // One that looks backward.
     let rear = SeeingLidar { bus: "lidar.rear".into(), mount: Pose::new(-0.2, 0.0, 3.1), view_rad: 0.2, reach_m: 6.0 };
-    let sight = Sight { lidars: vec![lidar, rear], reaction_s: 0.42, braking_mps2: 0.8, body: (-0.35, 0.35, 0.25) };
+    let sight = Sight {
+        lidars: vec![lidar, rear],
+        reaction_s: 0.42,
+        braking_mps2: 0.8,
+        body: (-0.35, 0.35, 0.25),
+        shape: None,
+    };
     let mut bench = Bench::with(Limits { sight: Some(sight), promise: None, ..limits() });
     bench.checkers = std::mem::replace(&mut bench.checkers, Checkers::new(limits())).in_world(world);
     bench.act(&["begin", "pad", "0.5"]);
