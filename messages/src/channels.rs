@@ -190,6 +190,7 @@ channels! {
     MlDataGoal = "ML_DATA_GOAL": middlelevel::DataGoal;
     MlDataPlan = "ML_DATA_PLAN": middlelevel::DataPlan;
     MlDataObstacles = "ML_DATA_OBSTACLES": middlelevel::DataObstacles;
+    MlDataPersons = "ML_DATA_PERSONS": middlelevel::DataPersons;
     MlCmdMode = "ML_CMD_MODE": middlelevel::CmdMode;
     MlDataMode = "ML_DATA_MODE": middlelevel::DataMode;
     MlCmdParameter = "ML_CMD_PARAMETER": middlelevel::CmdParameter;

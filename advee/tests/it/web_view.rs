@@ -158,6 +158,11 @@ fn each_part_has_its_shape_and_its_rate() {
     let measures = |sonar: &Value| sonar["valid"] == sonar["distance"].is_number();
     assert!(sonars.as_array().unwrap().iter().all(measures), "NaN is null: {sonars}");
     assert!(sonars.to_string().contains(r#""distance":null"#), "one looks along the hall: {sonars}");
+    let of_sensors =
+        sorted(["part", "sonars", "infrareds", "ranges", "scans", "beacons", "scanner", "imus", "persons", "people"]);
+    let sensors = part(&texts, "sensors");
+    assert!(sensors.iter().all(|sensors| keys(sensors) == of_sensors), "{:?}", keys(sensors[0]));
+    assert_eq!(sensors[0]["persons"]["freshness"], "never", "it has no lidar");
     let system = part(&texts, "system")[3];
     let of_system = sorted([
         "part",

@@ -139,7 +139,7 @@ impl Base {
         Self::in_world_with(name, wheels, &world, sets)
     }
 
-    fn in_world(name: &str, wheels: u16, world: &Path) -> Self {
+    pub fn in_world(name: &str, wheels: u16, world: &Path) -> Self {
         Self::in_world_with(name, wheels, world, &[])
     }
 

@@ -4,10 +4,11 @@ use super::bases::Base;
 use super::{Robot, at, guarded_place, place, virtual_machine, with_tables};
 use base::{Duration, Instant};
 use messages::lowlevel::{CmdMotion, CmdVelocity, DataScan};
-use messages::simulation::{CmdFault, DataTruth};
+use messages::middlelevel::{DataPersons, TrackedPerson};
+use messages::simulation::{CmdFault, DataPeople, DataTruth};
 use messages::{Hold, Message};
 use module::State;
-use navitools::{Pose, wrap};
+use navitools::{Point, Pose, wrap};
 use robot::place::RobotLocation;
 use sim::check::Checkers;
 use sim::host::{Config, News};
@@ -224,6 +225,62 @@ fn without_what_a_lidar_sees_a_robot_stands_and_goes_on_when_it_sees_again() {
             assert!(truth.speed > 0.3 && truth.collisions == 0, "{name}, {fault:?}: {truth:?}");
         }
     }
+}
+
+/// People in the empty hall beside the robot: one who stands, and one who walks to and fro.
+const WALKERS: &str = "
+[[walkers]]
+points = [[11.5, 7.0]]
+[[walkers]]
+points = [[8.0, 4.2], [12.0, 4.2]]
+";
+
+/// People as the robot published them, and where all of them really were at that time.
+fn tracked(name: &str, wheels: u16, seconds: f64) -> Vec<(DataPersons, Vec<Point>)> {
+    let world = format!("{}{WALKERS}", include_str!("../../../conf/worlds/empty.toml"));
+    let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("tracked-{name}-{}.toml", std::process::id()));
+    std::fs::write(&file, world).expect("a file");
+    let mut robot = Base::in_world(name, wheels, &file);
+    std::fs::remove_file(file).expect("the file");
+    robot.pass(10.0);
+    let seen = Rc::new(RefCell::new((Vec::<DataPersons>::new(), Vec::<DataPeople>::new())));
+    let keep = seen.clone();
+    robot.machine.observe(move |_, news| match news {
+        News::Message { message: Message::MlDataPersons(persons), .. } => keep.borrow_mut().0.push(persons.clone()),
+        News::Message { message: Message::SimDataPeople(people), .. } => keep.borrow_mut().1.push(people.clone()),
+        _ => {}
+    });
+    robot.pass(seconds);
+    let (persons, truths) = std::mem::take(&mut *seen.borrow_mut());
+    let placed = persons.into_iter().filter_map(|message| {
+        let next = truths.iter().position(|truth| truth.timestamp >= message.timestamp)?;
+        let (before, after) = (truths.get(next.checked_sub(1)?)?, &truths[next]);
+        let span = (after.timestamp - before.timestamp) as f64;
+        let share = (message.timestamp - before.timestamp) as f64 / span;
+        let between = |from: f64, to: f64| from + share * (to - from);
+        let people = 0..after.x.len();
+        let at = people.map(|n| Point { x: between(before.x[n], after.x[n]), y: between(before.y[n], after.y[n]) });
+        Some((message, at.collect()))
+    });
+    placed.collect()
+}
+
+#[test]
+fn people_whom_a_lidar_sees_are_published_where_they_are_each_under_one_number() {
+    let all = tracked("courier", 2, 20.0);
+    assert!((95..=101).contains(&all.len()), "5 Hz: {}", all.len());
+    let find = |persons: &DataPersons, at: Point| {
+        let near = |person: &&TrackedPerson| at.distance(Point { x: person.x, y: person.y }) < 0.3;
+        persons.persons.iter().find(near).cloned()
+    };
+    let stands = all.iter().map(|(persons, at)| find(persons, at[0]).map(|person| person.id)).collect::<Vec<_>>();
+    assert!(stands.iter().all(|id| id.is_some() && *id == stands[0]), "{stands:?}");
+    let walks = all.iter().filter_map(|(persons, at)| find(persons, at[1])).collect::<Vec<_>>();
+    assert!(walks.len() * 10 >= all.len() * 9, "{} of {}", walks.len(), all.len());
+    assert!(walks.iter().any(|person| person.vx > 0.4) && walks.iter().any(|person| person.vx < -0.4), "{walks:?}");
+    let most = all.iter().map(|(persons, _)| persons.persons.len()).max();
+    assert_eq!(most, Some(2), "nobody else is there");
+    assert_eq!(tracked("rover", 2, 3.0), [], "a robot without lidars publishes none");
 }
 
 /// Rule that the courier violates when it is driven by hand towards a wall in sight of its lidar, with this laid over

@@ -14,6 +14,8 @@ const IMUS_MAX: usize = 8;
 const BEACONS_MAX: usize = 256;
 /// Maximum number of modules whose lists of causes are kept.
 const HOLDERS_MAX: usize = 16;
+/// Maximum number of tracked people.
+const PERSONS_MAX: usize = 64;
 /// Maximum number of parameters of the planner.
 const PARAMETERS_MAX: usize = 32;
 /// Maximum number of programs in step with a simulation, and of those that are not.
@@ -100,6 +102,8 @@ pub struct Model {
     pub parameters: Slot<middlelevel::DataParameters>,
     /// Planned path.
     pub plan: Slot<middlelevel::DataPlan>,
+    /// People that the planner tracks: at most 64.
+    pub persons: Slot<middlelevel::DataPersons>,
     /// Sensed obstacles.
     pub obstacles: Slot<middlelevel::DataObstacles>,
     /// True pose, in a simulation.
@@ -161,6 +165,7 @@ impl Model {
             mode: Slot::every(ms(1000)),
             parameters: Slot::every(ms(1000)),
             plan: Slot::every(ms(1000)),
+            persons: Slot::every(ms(200)),
             obstacles: Slot::every(ms(1000)),
             truth: Slot::every(ms(100)),
             people: Slot::every(ms(200)),
@@ -260,6 +265,10 @@ impl Model {
                 self.parameters.put(at, parameters);
             }
             Some(Message::MlDataPlan(plan)) => self.plan.put(at, plan),
+            Some(Message::MlDataPersons(mut persons)) => {
+                persons.persons.truncate(PERSONS_MAX);
+                self.persons.put(at, persons);
+            }
             Some(Message::MlDataObstacles(obstacles)) => self.obstacles.put(at, obstacles),
             Some(Message::SimDataTruth(truth)) => self.truth.put(at, truth),
             Some(Message::SimDataPeople(people)) => self.people.put(at, people),

@@ -42,6 +42,8 @@ pub struct View<'a> {
     pub parameters: Shown<'a, middlelevel::DataParameters>,
     /// Planned path.
     pub plan: Shown<'a, middlelevel::DataPlan>,
+    /// People that the planner tracks.
+    pub persons: Shown<'a, middlelevel::DataPersons>,
     /// Sensed obstacles.
     pub obstacles: Shown<'a, middlelevel::DataObstacles>,
     /// Sonars.
@@ -140,6 +142,7 @@ impl Model {
             mode: self.mode.shown(now),
             parameters: self.parameters.shown(now),
             plan: self.plan.shown(now),
+            persons: self.persons.shown(now),
             obstacles: self.obstacles.shown(now),
             sonars: self.sonars.shown(now),
             infrareds: self.infrareds.shown(now),

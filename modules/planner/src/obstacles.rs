@@ -214,7 +214,9 @@ impl Obstacles {
 
     /// Clears everything, after a jump of the pose.
     pub fn clear(&mut self) {
-        *self = Self::default();
+        let mut people = mem::take(&mut self.people);
+        people.clear();
+        *self = Self { people, ..Self::default() };
     }
 
     /// Processes a round of readings at `now`; a reading that was processed before is ignored. `robot` is the pose when

@@ -77,6 +77,8 @@ pub struct Reading {
 /// Person at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Person {
+    /// Number of the track, from 1, unchanged while it lasts; 0 as long as it has not been confirmed.
+    pub id: i32,
     /// Middle of the person in the map, m.
     pub at: Point,
     /// Velocity in the map, m/s.
@@ -94,6 +96,8 @@ pub struct Person {
 /// Position and velocity (x, y, vx, vy) with their covariance.
 #[derive(Clone, Copy, Debug)]
 struct Track {
+    /// Number, from the first confirmation on; 0 before.
+    id: i32,
     mean: [f64; 4],
     covariance: [[f64; 4]; 4],
     existence: f64,
@@ -111,11 +115,13 @@ pub struct People {
     tracks: Vec<Track>,
     /// Firing instant of the last sonar.
     at: Instant,
+    /// Number of the last track that was confirmed.
+    last_id: i32,
 }
 
 impl Default for People {
     fn default() -> Self {
-        Self { tracks: Vec::with_capacity(TRACKS_MAX), at: Instant::ZERO }
+        Self { tracks: Vec::with_capacity(TRACKS_MAX), at: Instant::ZERO, last_id: 0 }
     }
 }
 
@@ -131,7 +137,17 @@ impl People {
         self.merge();
         for track in &mut self.tracks {
             track.confirmed = track.existence >= if track.confirmed { UNCONFIRM_BELOW } else { CONFIRM_ABOVE };
+            if track.confirmed && track.id == 0 {
+                self.last_id = self.last_id.checked_add(1).unwrap_or(1);
+                track.id = self.last_id;
+            }
         }
+    }
+
+    /// Deletes all tracks; the numbers of later ones go on.
+    pub fn clear(&mut self) {
+        self.tracks.clear();
+        self.at = Instant::ZERO;
     }
 
     /// Predicts all tracks to `at` and lets their existence probabilities decay.
@@ -180,7 +196,7 @@ impl People {
         }
     }
 
-    /// Merges tracks at one place: the more probable one remains.
+    /// Merges tracks at one place: the more probable one remains, under the lower number.
     fn merge(&mut self) {
         let mut number = 0;
         while number < self.tracks.len() {
@@ -191,7 +207,9 @@ impl People {
                     && same(other)
                     && (other.existence > one.existence || (other.existence == one.existence && n < number))
             };
-            if self.tracks.iter().enumerate().any(more_probable) {
+            if let Some(remains) = self.tracks.iter().enumerate().position(more_probable) {
+                let id = &mut self.tracks[remains].id;
+                *id = if *id == 0 || one.id == 0 { (*id).max(one.id) } else { (*id).min(one.id) };
                 self.tracks.swap_remove(number);
             } else {
                 number += 1;
@@ -215,6 +233,7 @@ impl People {
             let [.., vx, vy] = track.mean;
             let velocity_sigma = libm::sqrt((track.covariance[2][2] + track.covariance[3][3]) / 2.0);
             Person {
+                id: track.id,
                 at: track.at(),
                 velocity: (vx, vy),
                 sigma: track.sigma(),
@@ -282,6 +301,7 @@ impl Track {
         covariance[2][2] = VELOCITY_SIGMA_MPS * VELOCITY_SIGMA_MPS;
         covariance[3][3] = VELOCITY_SIGMA_MPS * VELOCITY_SIGMA_MPS;
         Self {
+            id: 0,
             mean,
             covariance,
             existence: EXISTENCE_INITIAL,
@@ -474,6 +494,41 @@ mod tests {
         let person = people.around(now).find(|person| person.confirmed).unwrap();
         assert!(libm::hypot(person.velocity.0, person.velocity.1) < 0.2 && person.sigma < 0.2, "{person:?}");
         assert!(person.at.distance(Point { x: 1.2, y: 0.2 }) < 0.2, "{person:?}");
+    }
+
+    #[test]
+    fn a_track_has_one_number_from_its_confirmation_on_and_no_other_has_it() {
+        let mut people = People::default();
+        let mut known = 0;
+        for _ in 0..2 {
+            let mut now = Instant::from_millis(10_000);
+            for n in 0..20 {
+                now += Duration::from_millis(250);
+                people.update(&round(now, Some(Point { x: 2.3 - 0.05 * f64::from(n), y: 0.0 })), |_| false);
+                let confirmed = people.around(now).filter(|person| person.confirmed);
+                assert!(
+                    confirmed.count() <= 1 && people.around(now).all(|person| person.confirmed == (person.id != 0))
+                );
+            }
+            let ids: Vec<i32> = people.around(now).map(|person| person.id).filter(|id| *id != 0).collect();
+            assert_eq!(ids, [known + 1]);
+            known += 1;
+            people.clear();
+            assert_eq!(people.around(now).count(), 0);
+        }
+    }
+
+    #[test]
+    fn merged_tracks_keep_the_lower_number() {
+        let at = Instant::from_millis(10_000);
+        let track = |id, existence, distance| Track { id, existence, ..Track::new(&silent(at, (1.0, 0.0)), distance) };
+        for (ids, expected) in [([7, 3], 3), ([3, 7], 3), ([0, 4], 4), ([4, 0], 4)] {
+            let mut people =
+                People { tracks: vec![track(ids[0], 0.9, 1.0), track(ids[1], 0.6, 1.1)], ..People::default() };
+            people.merge();
+            let [merged] = &people.tracks[..] else { panic!("{:?}", people.tracks) };
+            assert_eq!((merged.id, merged.existence), (expected, 0.9), "{ids:?}");
+        }
     }
 
     #[test]

@@ -8,18 +8,21 @@ use crate::mission::{Mission, StepInput};
 use crate::mode::Mode;
 use crate::obstacles::{Fired, Obstacles};
 use crate::parameters::Parameters;
-use crate::ranges::{self, Sounding};
+use crate::people::Person;
+use crate::ranges::{self, READING_VALID_FOR, Sounding};
 use crate::route::PlanningSpace;
 use crate::search::Abilities;
 use crate::senses::{EstimateCheck, Located, Senses, Wait};
 use crate::track::{Axis, Motion};
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
 use messages::lowlevel::{CmdMotion, CmdVelocity, DataRanges, DataScan, EventStop};
-use messages::middlelevel::{CmdGoal, DataEstimate, DataGoal, DataMode, DataObstacles, DataPlan};
+use messages::middlelevel::{
+    CmdGoal, DataEstimate, DataGoal, DataMode, DataObstacles, DataPersons, DataPlan, TrackedPerson,
+};
 use messages::{Channel, Message, StopSource};
 use module::admission::Origin;
 use module::{Actions, ActiveHold, Event, Holds, Module, State};
-use navitools::Pose;
+use navitools::{Point, Pose};
 
 mod modes;
 
@@ -32,6 +35,8 @@ const CONTROL_PERIOD: Duration = Duration::from_millis(50);
 const GOAL_PERIOD_MAX: Duration = Duration::from_millis(200);
 /// Period of `ML_DATA_OBSTACLES`, and longest period of `ML_DATA_PLAN`.
 const SCENE_PERIOD: Duration = Duration::from_secs(1);
+/// Period of `ML_DATA_PERSONS` while scans are used.
+const PERSONS_PERIOD: Duration = Duration::from_millis(200);
 /// Period at which scans change the path that is checked; obstacles are entered with each sector.
 const SCAN_PERIOD: Duration = Duration::from_millis(50);
 /// Greatest age of a sector; an older timestamp is of another clock.
@@ -50,6 +55,8 @@ base::deadlines! {
         Goal,
         /// `ML_DATA_PLAN` and `ML_DATA_OBSTACLES` are published.
         Scene,
+        /// `ML_DATA_PERSONS` is published. Set from the first scan that is used until one after the last.
+        Persons,
         /// `ML_DATA_MODE` is published.
         Mode,
         /// `ML_DATA_PARAMETERS` is published.
@@ -73,6 +80,8 @@ pub struct Planner {
     obstacles: Obstacles,
     /// Instant of the last scan that was checked along the path.
     scanned: Instant,
+    /// Instant of the last scan that was used while the robot knew where it is.
+    scan_used: Instant,
     mission: Mission,
     /// Last motion command.
     command: Motion,
@@ -109,6 +118,7 @@ impl Planner {
             senses: Senses::default(),
             obstacles: Obstacles::new(),
             scanned: Instant::ZERO,
+            scan_used: Instant::ZERO,
             mission: Mission::default(),
             command: Motion::default(),
             session: 0,
@@ -217,6 +227,12 @@ impl Planner {
         let (body, space, slack) = (&self.config.body, &self.space, slack(&located));
         let mapped = |point| space.is_mapped(point, slack);
         self.obstacles.on_scan(at - age, (located.pose, lidar), scan, |point| body.covers(point, 0.0), mapped);
+        if self.senses.located(now).is_some() {
+            self.scan_used = now;
+            if !self.deadlines.is_set(Timer::Persons) {
+                self.deadlines.set(Timer::Persons, now);
+            }
+        }
         if now.since(self.scanned) >= SCAN_PERIOD {
             self.scanned = now;
             self.mission.check_ahead(now, &self.obstacles, &self.config);
@@ -440,6 +456,31 @@ impl Planner {
             out.publish(DataObstacles { timestamp: out.timestamp(now), size: crate::obstacles::CELL_M, x, y });
         }
     }
+
+    /// Publishes the confirmed tracks while scans are used, and once none after the last scan.
+    fn publish_persons(&mut self, now: Instant, out: &mut Actions) {
+        if !self.deadlines.tick(Timer::Persons, now, PERSONS_PERIOD) {
+            return;
+        }
+        let uses_scans = now.since(self.scan_used) <= READING_VALID_FOR;
+        if !uses_scans {
+            self.deadlines.clear(Timer::Persons);
+        }
+        let tracked = self.obstacles.people(now).filter(|person| uses_scans && person.confirmed);
+        let mut persons: Vec<TrackedPerson> = tracked
+            .map(|Person { id, at: Point { x, y }, velocity: (vx, vy), sigma, velocity_sigma, .. }| TrackedPerson {
+                id,
+                x,
+                y,
+                vx,
+                vy,
+                sigma,
+                velocity_sigma,
+            })
+            .collect();
+        persons.sort_unstable_by_key(|person| person.id);
+        out.publish(DataPersons { timestamp: out.timestamp(now), persons });
+    }
 }
 
 /// Accuracy of a pose, m, to either side.
@@ -487,6 +528,7 @@ impl Module for Planner {
         self.publish_goal(now, out);
         self.publish_mode(now, out);
         self.publish_scene(now, out);
+        self.publish_persons(now, out);
     }
 
     fn poll_timeout(&self) -> Option<Instant> {

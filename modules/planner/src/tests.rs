@@ -86,6 +86,8 @@ struct Robot {
     measured_last: [(i64, f64); 16],
     /// Sensed points, of all messages.
     sensed: Vec<Point>,
+    /// People, as published since they were last taken out.
+    persons: Vec<DataPersons>,
     /// Operation mode and parameters, as last published.
     mode: DataMode,
     parameters: DataParameters,
@@ -187,6 +189,7 @@ impl Robot {
             firing: [(0, f64::NAN); 16],
             measured_last: [(0, f64::NAN); 16],
             sensed: Vec::new(),
+            persons: Vec::new(),
             mode: DataMode::default(),
             parameters: DataParameters::default(),
             reports: Vec::new(),
@@ -357,6 +360,7 @@ impl Robot {
                 Message::MlDataMode(mode) => self.mode = mode,
                 Message::MlDataParameters(parameters) => self.parameters = parameters,
                 Message::CmEventError(error) => self.reports.push(error.number),
+                Message::MlDataPersons(persons) => self.persons.push(persons),
                 Message::MlDataObstacles(seen) => {
                     self.sensed.extend(seen.x.iter().zip(&seen.y).map(|(&x, &y)| Point { x, y }));
                 }
@@ -926,3 +930,5 @@ fn backing_out_leads_to_no_waypoint() {
 mod bases;
 #[path = "tests/modes.rs"]
 mod modes;
+#[path = "tests/persons.rs"]
+mod persons;

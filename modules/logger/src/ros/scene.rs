@@ -1,7 +1,7 @@
 //! `/scene`: markers other than sensors and paths.
 
 use messages::lowlevel::{DataGuard, Field};
-use messages::middlelevel::{DataEstimate, DataObstacles};
+use messages::middlelevel::{DataEstimate, DataObstacles, DataPersons, TrackedPerson};
 
 use super::robot::{Beacon, RobotScene};
 use super::standard::Standard;
@@ -16,9 +16,15 @@ const CORNERS_MAX: usize = 64;
 /// Maximum number of fields of a kind.
 const FIELDS_MAX: usize = 10;
 
+/// Maximum number of tracked people, and the diameter of their spheres, m.
+const PERSONS_MAX: usize = 64;
+const PERSON_M: f64 = 0.4;
+
 const CUBE_LIST: i32 = 6;
+const SPHERE_LIST: i32 = 7;
 const CYLINDER: i32 = 3;
 const LINE_STRIP: i32 = 4;
+const LINE_LIST: i32 = 5;
 const TEXT: i32 = 9;
 const TRIANGLES: i32 = 11;
 
@@ -29,6 +35,7 @@ const OUTLINE: Color = [0.2, 0.6, 1.0, 1.0];
 const BEACON: Color = [1.0, 0.7, 0.0, 1.0];
 const ELLIPSE: Color = [0.9, 0.1, 0.9, 0.3];
 const OBSTACLE: Color = [0.8, 0.1, 0.1, 0.6];
+const PERSON: Color = [0.1, 0.6, 0.3, 0.8];
 const PROTECTIVE: Color = [0.84, 0.37, 0.0, 1.0];
 const WARNING: Color = [0.94, 0.89, 0.26, 1.0];
 /// Opacity of an occupied field.
@@ -173,6 +180,24 @@ pub fn obstacles(message: &DataObstacles, to: &mut To<'_, '_>) {
         fields.to.count(1);
         let marker = Marker { scale: [message.size, message.size, 0.05], points: &points, ..marker };
         marker.write(message.timestamp, fields);
+    });
+}
+
+/// People that the planner tracks: spheres, and from each a line to where it is in a second.
+pub fn persons(message: &DataPersons, to: &mut To<'_, '_>) {
+    let is_sane =
+        |person: &&TrackedPerson| [person.x, person.y, person.vx, person.vy].iter().all(|value| value.is_finite());
+    let all = || message.persons.iter().filter(is_sane).take(PERSONS_MAX);
+    let places: Vec<[f64; 2]> = all().map(|person| [person.x, person.y]).collect();
+    let ways: Vec<[f64; 2]> =
+        all().flat_map(|person| [[person.x, person.y], [person.x + person.vx, person.y + person.vy]]).collect();
+    let action = if places.is_empty() { DELETE } else { ADD };
+    let marker = Marker { ns: "persons", ty: SPHERE_LIST, action, scale: [PERSON_M; 3], ..Marker::new(PERSON) };
+    to.send("/scene", Standard::Markers, |fields| {
+        fields.to.count(2);
+        Marker { points: &places, ..marker }.write(message.timestamp, fields);
+        let ways = Marker { id: 1, ty: LINE_LIST, scale: [0.04, 0.0, 0.0], points: &ways, ..marker };
+        ways.write(message.timestamp, fields);
     });
 }
 

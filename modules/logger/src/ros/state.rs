@@ -108,6 +108,7 @@ pub fn has_standard(channel: Channel) -> bool {
             | Channel::MlDataEstimate
             | Channel::MlDataPlan
             | Channel::MlDataObstacles
+            | Channel::MlDataPersons
     )
 }
 
@@ -151,6 +152,7 @@ impl State {
             }
             Message::MlDataPlan(plan) => path(plan, to),
             Message::MlDataObstacles(obstacles) => scene::obstacles(obstacles, to),
+            Message::MlDataPersons(persons) => scene::persons(persons, to),
             _ => {}
         }
     }

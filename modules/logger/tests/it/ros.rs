@@ -10,7 +10,7 @@ use messages::common::{CmdLog, DataFaults, DataProcesses, DataState, Error, Even
 use messages::lowlevel::{
     self, DataGuard, DataIrs, DataOdo, DataPower, DataRanges, DataSrfs, DataTemperature, Reading, Temperature,
 };
-use messages::middlelevel::{DataEstimate, DataObstacles, DataPlan};
+use messages::middlelevel::{DataEstimate, DataObstacles, DataPersons, DataPlan, TrackedPerson};
 use messages::{Channel, Message};
 use serde_json::{Value as Json, json};
 use testing::Random;
@@ -611,6 +611,17 @@ fn plan_obstacles_battery_temperatures_and_marks() {
     assert_eq!(marker["points"][1], json!({ "x": 2.0, "y": 4.0, "z": 0.0 }));
     (obstacles.x, obstacles.y) = (vec![], vec![]);
     assert_eq!(told(&mut translator, obstacles)["/scene"]["markers"][0]["action"], 2);
+
+    let person = |x| TrackedPerson { id: 4, x, y: 3.0, vx: 0.5, vy: -1.0, sigma: 0.1, velocity_sigma: 0.2 };
+    let mut persons = DataPersons { timestamp: NOW, persons: vec![person(1.0), person(f64::NAN)] };
+    let markers = told(&mut translator, persons.clone())["/scene"]["markers"].clone();
+    let [spheres, ways] = &markers.as_array().unwrap()[..] else { panic!("{markers}") };
+    assert_eq!((&spheres["ns"], &spheres["header"], &spheres["type"]), (&json!("persons"), &header("map"), &json!(7)));
+    assert_eq!(spheres["points"], json!([{ "x": 1.0, "y": 3.0, "z": 0.0 }]));
+    assert_eq!((&ways["type"], &ways["points"][1]), (&json!(5), &json!({ "x": 1.5, "y": 2.0, "z": 0.0 })));
+    persons.persons.clear();
+    let none = told(&mut translator, persons)["/scene"]["markers"].clone();
+    assert_eq!((&none[0]["action"], &none[1]["action"]), (&json!(2), &json!(2)));
 
     let channel = |current| lowlevel::Channel { current, ..lowlevel::Channel::default() };
     let power = DataPower {

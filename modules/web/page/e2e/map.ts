@@ -163,7 +163,7 @@ scene("each layer of the map is on or off, and stays so; people are shown where 
   await until("people are told", 15, () => ((robot.bus.last["SIM_DATA_PEOPLE"] as { x?: number[] } | undefined)?.x?.length ?? 0) > 0);
   const ink = () => v.page.locator("canvas.map-canvas").evaluate((canvas: HTMLCanvasElement) => canvas.toDataURL());
   await v.page.locator(".map-layers summary").click();
-  const people = v.page.getByRole("checkbox", { name: /^people/ });
+  const people = v.page.getByRole("checkbox", { name: /^people \(simulation\)/ });
   ok(await people.isChecked());
   ok(!(await v.page.getByRole("checkbox", { name: /^sonar/ }).isChecked()), "the fans of the sonars cover the plan");
   const before = await ink();

@@ -367,6 +367,7 @@ export function begin(): void {
       scanner: shown({ timestamp: micros(), name: "sbs1", sweeps: Math.round(elapsed()), rejected: Math.round(elapsed() * 0.14), rejected_rate: 0.1, supply: 4.98 }, 10),
       imus: [shown({ timestamp: micros(), name: "base", status: 0, acceleration: [wave(3, 0.2), wave(4, 0.1), 9.81], rotation: [0, 0, wave(5, 0.3)], orientation: [0.01, -0.02, 0.38, 0.92], oriented: true, temperature: 31 }, 0.02)],
       beacons: shown({ timestamp: micros(), beacons: BEACONS.slice(0, 4).map(([x, y], i) => ({ timestamp: micros() - i * 1e5, id: i + 1, bearing: Math.atan2(y - robot.y, x - robot.x) - robot.theta, strength: 0.4 + 0.1 * i })) }, 1),
+      persons: shown({ timestamp: micros(), persons: [1, 2].map((n) => ({ id: n, x: robot.x + 1.2 + n / 2, y: robot.y + wave(8, 0.8, n), vx: 0.1, vy: 0.4, sigma: 0.1, velocity_sigma: 0.2 })) }, 0.2),
       people: shown({ timestamp: micros(), x: [0, 1, 2, 3, 4].map((n) => wave(20 + 3 * n, 2, 3 + 3.5 * n)), y: [0, 1, 2, 3, 4].map((n) => wave(17 + 5 * n, 2, 9 - n)), radius: [0.25, 0.3, 0.22, 0.28, 0.25] }, 0.2),
     });
   });

@@ -324,6 +324,8 @@ export interface SensorsPart {
   beacons: Shown<DataBeacons>;
   scanner: Shown<DataScanner>;
   imus: Shown<DataImu>[];
+  /** People that the robot itself tracks. */
+  persons: Shown<DataPersons>;
   /** True places of people: only the simulation knows them. */
   people: Shown<DataPeople>;
 }
@@ -1454,6 +1456,35 @@ export interface LiveParameter {
   maximum: number | null;
   /** Value of the configuration, which a restart restores. */
   configured: number | null;
+}
+
+/**
+ * People that the planner tracks by the legs that its lidars and sonars detect: `ML_DATA_PERSONS`, 5 Hz while it uses
+ * scans of lidars; after the last scan once without anybody. Not a safety function.
+ */
+export interface DataPersons {
+  /** Microseconds since the UNIX epoch: the instant for which the positions hold. */
+  timestamp: number;
+  /** Confirmed tracks, in order of their numbers. */
+  persons: TrackedPerson[];
+}
+
+/** Person, or something else as wide as a leg that the map does not have. */
+export interface TrackedPerson {
+  /** Number of the track, from 1: unchanged while the track lasts, and not used again before the planner restarts. */
+  id: number;
+  /** Middle in the map frame, m. */
+  x: number | null;
+  /** Middle in the map frame, m. */
+  y: number | null;
+  /** Velocity in the map frame, m/s. */
+  vx: number | null;
+  /** Velocity in the map frame, m/s. */
+  vy: number | null;
+  /** Standard deviation of the position along each axis, m. */
+  sigma: number | null;
+  /** Standard deviation of the velocity along each axis, m/s. */
+  velocity_sigma: number | null;
 }
 
 /** Path that the planner follows: `ML_DATA_PLAN`. */

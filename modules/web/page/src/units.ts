@@ -289,6 +289,15 @@ export const UNITS: ReadonlyMap<string, ReadonlyMap<string, string>> = new Map([
   ["middlelevel.data_parameters_t", new Map([
     ["timestamp", "µs"],
   ])],
+  ["middlelevel.data_persons_t", new Map([
+    ["timestamp", "µs"],
+    ["persons.x", "m"],
+    ["persons.y", "m"],
+    ["persons.vx", "m/s"],
+    ["persons.vy", "m/s"],
+    ["persons.sigma", "m"],
+    ["persons.velocity_sigma", "m/s"],
+  ])],
   ["middlelevel.data_plan_t", new Map([
     ["timestamp", "µs"],
     ["x", "m"],

@@ -103,6 +103,8 @@ pub struct SensorsPart<'a> {
     beacons: Shown<'a, lowlevel::DataBeacons>,
     scanner: Shown<'a, lowlevel::DataScanner>,
     imus: Vec<Shown<'a, lowlevel::DataImu>>,
+    /// People that the robot itself tracks.
+    persons: Shown<'a, middlelevel::DataPersons>,
     /// True places of people: only the simulation knows them.
     people: Shown<'a, simulation::DataPeople>,
 }
@@ -118,6 +120,7 @@ impl<'a> SensorsPart<'a> {
             beacons: model.beacons.shown(now),
             scanner: model.scanner.shown(now),
             imus: model.imus().map(|imu| imu.shown(now)).collect(),
+            persons: model.persons.shown(now),
             people: model.people.shown(now),
         }
     }

@@ -181,7 +181,8 @@ function Under() {
 function Layers() {
   const simulated = scene.value?.simulated ?? false;
   const rows: [Layer, string, Plain][] = [
-    ...(simulated ? ([["people", "person", "people (simulation)"], ["truth", "truth", "true position (simulation)"]] as [Layer, string, Plain][]) : []),
+    ...(sensors.value?.persons.value ? ([["persons", "person", "people whom the robot tracks, or other legs; line: its way in 1 s"]] as [Layer, string, Plain][]) : []),
+    ...(simulated ? ([["people", "walker", "people (simulation)"], ["truth", "truth", "true position (simulation)"]] as [Layer, string, Plain][]) : []),
     ["plan", "plan", "plan"],
     ["obstacles", "obstacle", "sensed obstacles"],
     ...(drive.value?.bound ? ([["fields", "protective", "guard: protective field stops, dashed one slows; hatched: occupied"]] as [Layer, string, Plain][]) : []),

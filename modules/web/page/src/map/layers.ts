@@ -1,7 +1,7 @@
 // What the map shows, each on or off; kept on this device.
 import { signal } from "@preact/signals";
 
-export const LAYERS = ["people", "truth", "plan", "obstacles", "fields", "scan", "sonar", "floor", "beacons", "trail"] as const;
+export const LAYERS = ["persons", "people", "truth", "plan", "obstacles", "fields", "scan", "sonar", "floor", "beacons", "trail"] as const;
 export type Layer = (typeof LAYERS)[number];
 
 /** The fans of the sonars cover the plan. */

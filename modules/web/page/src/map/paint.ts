@@ -14,7 +14,7 @@ import { corners } from "./scenario";
 import { trail } from "./trail";
 import { isLost } from "./words";
 
-const INKS = ["floor", "out", "grid", "wall", "plan", "trail", "obstacle", "scan", "sonar", "ir", "robot", "truth", "beacon", "goal", "protective", "warning"] as const;
+const INKS = ["floor", "out", "grid", "wall", "plan", "trail", "obstacle", "person", "scan", "sonar", "ir", "robot", "truth", "beacon", "goal", "protective", "warning"] as const;
 export type Inks = Record<(typeof INKS)[number] | "ink" | "surface" | "muted", string>;
 
 /** The colours of the theme that is shown. */
@@ -43,6 +43,7 @@ export function paint(on: CanvasRenderingContext2D, camera: Camera, size: Size, 
   if (map.value && isOn("obstacles")) obstacles(brush, map.value);
   if (scene.value) walls(brush, scene.value);
   if (sensors.value && isOn("people")) people(brush, sensors.value);
+  if (sensors.value && isOn("persons")) persons(brush, sensors.value);
   if (isOn("trail")) line(brush, trail.value, ink.trail, 2, [1, 5]);
   if (map.value && isOn("plan")) plan(brush, map.value);
   if (scene.value && isOn("beacons")) beacons(brush, scene.value, drive.value, sensors.value, statesOf(fresh(system.value?.beacon_use)));
@@ -185,6 +186,32 @@ function people({ on, camera, ink, at }: Brush, sensors: SensorsPart): void {
     on.strokeStyle = ink.truth;
     on.stroke();
   });
+}
+
+/** Radius with which a tracked person is drawn, m: its width is not measured. */
+const PERSON_M = 0.25;
+
+/** People that the robot tracks: a ring with a dot, and a line to where each is in a second. */
+function persons({ on, camera, ink, at }: Brush, sensors: SensorsPart): void {
+  const all = fresh(sensors.persons);
+  if (!all) return;
+  on.strokeStyle = ink.person;
+  on.lineWidth = 2;
+  for (const { x, y, vx, vy } of all.persons) {
+    if (x === null || y === null) continue;
+    const place = at(x, y);
+    const radius = Math.max(5, PERSON_M * camera.scale);
+    on.globalAlpha = 0.25;
+    disc(on, place, radius, ink.person);
+    on.globalAlpha = 1;
+    on.stroke();
+    disc(on, place, 2.5, ink.person);
+    if (vx === null || vy === null) continue;
+    on.beginPath();
+    on.moveTo(...place);
+    on.lineTo(...at(x + vx, y + vy));
+    on.stroke();
+  }
 }
 
 function plan(brush: Brush, part: MapPart): void {

@@ -18,6 +18,7 @@ function part(readings: Reading[] | null, srfs: Range[] | null): SensorsPart {
     beacons: shown<{ timestamp: number; beacons: [] }>(null),
     scanner: shown<never>(null),
     imus: [],
+    persons: shown<{ timestamp: number; persons: [] }>(null),
     people: shown<{ timestamp: number; x: number[]; y: number[]; radius: number[] }>(null),
   };
   receive(part);

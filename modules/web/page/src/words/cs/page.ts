@@ -402,6 +402,7 @@ export const TEXTS = {
   Loop: "Opakovat",
   Layers: "Vrstvy",
   "robot and its uncertainty (2σ)": "robot a nejistota polohy (2σ)",
+  "people whom the robot tracks, or other legs; line: its way in 1 s": "lidé, které robot sleduje, nebo jiné nohy; čára: dráha za 1 s",
   "people (simulation)": "lidé (simulace)",
   "true position (simulation)": "skutečná poloha (simulace)",
   plan: "plánovaná cesta",
