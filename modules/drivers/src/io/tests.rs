@@ -1,5 +1,7 @@
 //! The driver with emulated devices on its lines.
 
+mod serial;
+
 use super::config::{
     BatteryKeys, Config, ConfigError, Gpio, GpioKeys, Modbus, ModbusKeys, OutputKeys, PowerKeys, ShowKeys, Shows,
     SignalKeys, SwitchKeys,
