@@ -237,7 +237,7 @@ signals = [ { name = "heater_t", at = 2, format = "decimal", simulated = -7 } ]
 name = "power"
 request = "'>B1='"
 answer = "'OK'"
-signals = [ { name = "heater", at = 5, format = "decimal", output = true, safe = 0, max = 60 } ]
+signals = [ { name = "heater", at = 4, format = "decimal", output = true, safe = 0, max = 60 } ]
 "#;
 
 #[test]
