@@ -29,6 +29,7 @@ targets! {
     canopen_sdo,
     config,
     estimator,
+    exchange_engines,
     foxglove,
     gamepad,
     i2c_engines,

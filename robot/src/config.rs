@@ -14,8 +14,8 @@ mod world;
 
 pub use modules::{HardwareWatchdog, ModuleEntry, Modules, SIMULATOR};
 pub use robot::{
-    CanBus, Gamepad, General, Host, I2cBus, Imu, Io, Lidar, Log, ModbusBus, Robot, Rs485Bus, Sensors, SerialLine,
-    Srf08, W1, gpio_bus,
+    CanBus, Gamepad, General, Host, I2cBus, Imu, Io, IoLine, Lidar, Log, ModbusBus, Robot, Rs485Bus, Sensors,
+    SerialLine, Srf08, W1, gpio_bus,
 };
 pub use scenario::{built_in_scenario, regressions, scenario};
 pub use world::{

@@ -55,13 +55,15 @@ fn operator(robot: &Robot) -> operator::Config {
     let io = robot.io.as_ref();
     let modbus = io.iter().flat_map(|io| &io.modbus).flat_map(|bus| &bus.driver.signals);
     let modbus = modbus.filter(|signal| signal.output).map(|signal| signal.name.clone());
+    let serial = io.iter().flat_map(|io| &io.serial).flat_map(|line| line.driver.signals());
+    let serial = serial.filter(|signal| signal.output).map(|signal| signal.name.clone());
     let gpio = io.iter().flat_map(|io| &io.gpio).filter(|line| line.output).map(|line| line.name.clone());
     let w1 = io.iter().flat_map(|io| &io.w1).filter(|keys| keys.output).map(|keys| keys.name.clone());
     let power = io.iter().flat_map(|io| &io.power).map(|keys| keys.name.clone());
     operator::Config {
         steering: robot.base.is_none(),
         power: robot.power.is_some(),
-        outputs: modbus.chain(gpio).chain(w1).chain(power).collect(),
+        outputs: modbus.chain(serial).chain(gpio).chain(w1).chain(power).collect(),
     }
 }
 

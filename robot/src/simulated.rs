@@ -1,6 +1,6 @@
 //! The simulated side of a robot: its buses with their boards and drives, its body, a world.
 
-use crate::config::{ConfigError, Imu, Io, Lidar, ModbusBus, Robot, SerialLine, gpio_bus};
+use crate::config::{ConfigError, Imu, Io, IoLine, Lidar, ModbusBus, Robot, SerialLine, gpio_bus};
 use crate::place::{GAMEPAD_BUS, HOST_BUS, RobotLocation, W1_BUS};
 use crate::sheets;
 use base::Duration;
@@ -12,6 +12,7 @@ use drivers::lidar::{LidarKeys, Model};
 use drivers::power;
 use drivers::rs485_bus::{Kind, Node};
 use drivers::rs485a::Ranger;
+use exchange::device::Known;
 use modbus::value::{Number, Place};
 use navitools::{Point, Pose};
 use rs485::boards::psc1::CHANNELS;
@@ -29,7 +30,8 @@ use simulator::lidar::{LidarConfig, LidarModel};
 use simulator::world::World;
 use simulator::{
     Axis, BoardConfig, BoardKind, CanConfig, ComputerConfig, Config, DeviceConfig, DriveConfig, DriveKind,
-    DriveLineConfig, HostConfig, I2cConfig, LineConfig, ModbusConfig, MotorConfig, SerialConfig, W1Config,
+    DriveLineConfig, ExchangeConfig, HostConfig, I2cConfig, LineConfig, ModbusConfig, MotorConfig, SerialConfig,
+    W1Config,
 };
 
 /// A steering motor by a data sheet could turn the wheels so much faster than it is to: a unit of velocity that is not
@@ -92,6 +94,7 @@ pub(crate) fn config(
     let gpio = robot.io.iter().flat_map(|io| &io.gpio);
     Ok(Config {
         modbus: robot.io.iter().flat_map(|io| &io.modbus).map(modbus_line).collect(),
+        exchange: robot.io.iter().flat_map(|io| &io.serial).map(exchange_line).collect(),
         lidars: robot.lidar.iter().map(lidar).collect(),
         imus: robot.imu.iter().map(|unit| imu(unit, can.as_ref())).collect::<Result<_, _>>()?,
         gpio: gpio.map(|keys| LineConfig { bus: gpio_bus(keys), active: keys.simulated }).collect(),
@@ -190,6 +193,25 @@ fn modbus_line(bus: &ModbusBus) -> ModbusConfig {
         }
     }
     ModbusConfig { bus: bus.bus(), line: bus.line(), devices }
+}
+
+/// A serial line with a device that knows the requests of the table.
+fn exchange_line(line: &IoLine) -> ExchangeConfig {
+    let (protocol, device) = (line.driver.protocol(), line.device());
+    let known = |request: &io::RequestKeys| {
+        let answer = request.answer();
+        let inputs = request.signals.iter().filter(|field| !field.output);
+        let inputs: Vec<_> = inputs.map(|field| (field.place(), field.simulated)).collect();
+        let outputs = request.signals.iter().filter(|field| field.output);
+        Known {
+            request: request.request.clone(),
+            outputs: outputs.map(io::FieldKeys::place).collect(),
+            data: exchange::device::answer_data(&protocol, &answer, &inputs),
+            answer,
+        }
+    };
+    let known = line.driver.requests.iter().map(known).collect();
+    ExchangeConfig { bus: line.bus(), baud: device.line_baud(), protocol: protocol.clone(), known }
 }
 
 /// What a device has for a value; one that it cannot have is 0.

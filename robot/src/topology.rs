@@ -1,6 +1,6 @@
 //! Which module is made of what, and where its ports are: the configuration becomes modules here, and nowhere else.
 
-use crate::config::{self, Config, ConfigError, ModbusBus, ModuleEntry, Robot, SIMULATOR, gpio_bus};
+use crate::config::{self, Config, ConfigError, IoLine, ModbusBus, ModuleEntry, Robot, SIMULATOR, gpio_bus};
 use crate::launch::launcher;
 use crate::map_file;
 #[cfg(feature = "ros2")]
@@ -168,6 +168,8 @@ fn virtual_machine_made(
     config.full_duplex.extend(read.robot.power.iter().map(|power| power.bus.clone()));
     let connections = read.robot.io.iter().flat_map(|io| &io.modbus).filter(|bus| bus.line() == modbus::Line::Tcp);
     config.full_duplex.extend(connections.map(ModbusBus::bus));
+    let connections = read.robot.io.iter().flat_map(|io| &io.serial).filter(|line| line.port.address.is_some());
+    config.full_duplex.extend(connections.map(IoLine::bus));
     config.full_duplex.extend(read.robot.lidar.iter().map(config::Lidar::bus));
     config.usb.extend(read.robot.lidar.iter().map(config::Lidar::bus));
     config.full_duplex.extend(read.robot.imu.iter().map(config::Imu::bus));
@@ -376,6 +378,11 @@ fn place_of(place: &RobotLocation, robot: &Robot, bus: &str, simulated_side: boo
                 Some(line) => Ok(line.port.port(run_dir)),
                 None => return missing(),
             },
+            (("io", _), side) => match robot.io.iter().flat_map(|io| &io.serial).find(|line| line.bus() == bus) {
+                Some(line) if side => line.port.stream().simulated(run_dir, bus),
+                Some(line) => Ok(line.port.stream().port(run_dir)),
+                None => return missing(),
+            },
             (("lidar", _), side) => match robot.lidar.iter().find(|lidar| lidar.bus() == bus) {
                 Some(lidar) if side => lidar.stream().simulated(run_dir, bus),
                 Some(lidar) => Ok(lidar.stream().port(run_dir)),
@@ -449,6 +456,10 @@ fn raw_name(robot: &Robot, bus: &str) -> Option<String> {
         "can" => robot.can.iter().find(|can| can.name == name)?.port.raw,
         "rs485" => robot.rs485.iter().find(|serial| serial.name == name)?.line.raw,
         "modbus" => robot.io.as_ref()?.modbus.iter().find(|line| line.name == name)?.port.raw,
+        "io" => {
+            let line = robot.io.as_ref()?.serial.iter().find(|line| line.bus() == bus)?;
+            return line.port.raw.then(|| line.name.to_uppercase());
+        }
         "lidar" => robot.lidar.iter().find(|lidar| lidar.name == name)?.port.raw,
         "imu" => robot.imu.iter().find(|imu| imu.name == name)?.port.raw,
         "serial" => robot.serial.iter().find(|line| line.name == name)?.port.raw,
@@ -683,7 +694,7 @@ fn guard(robot: &Robot) -> Result<guard::Guard, ConfigError> {
     guard::Guard::new(&robot.guard_config()).or_else(|error| refused(format!("guard: {error}")))
 }
 
-/// `driver_io`: the Modbus and GPIO lines.
+/// `driver_io`: the Modbus, serial and GPIO lines.
 fn inputs_and_outputs(robot: &Robot) -> Result<io::Io, ConfigError> {
     let Some(config) = robot.io.as_ref().map(|io| io.config(&robot.signals, W1_BUS, &robot.stop)) else {
         return refused("driver_io: robot.toml has no table [io]".into());

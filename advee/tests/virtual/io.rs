@@ -205,6 +205,65 @@ fn a_line_that_is_silent_is_reported_and_comes_back_and_the_robot_drives_on() {
     assert_eq!(rig.value("volts"), (24.5, true));
 }
 
+/// A binary board and an ASCII board with simple request and answer.
+const SERIAL: &str = r#"
+[io.serial.climate]
+port = "io-climate"
+check = "crc16-modbus"
+[[io.serial.climate.requests]]
+name = "temperatures"
+request = "01 03"
+answer_length = 9
+answer_prefix = "01 03"
+signals = [
+    { name = "inside", at = 2, format = "i16", scale = 0.5, simulated = 24.5 },
+    { name = "door", at = 6, format = "bit", bit = 2, simulated = 1 },
+]
+[[io.serial.climate.requests]]
+name = "fan"
+request = "01 06 00 00"
+echo = true
+signals = [ { name = "fan", at = 2, format = "u16", output = true, safe = 50, max = 100 } ]
+[io.serial.heater]
+address = "127.0.0.1:4001"
+request_end = "0D"
+answer_end = "0D"
+[[io.serial.heater.requests]]
+name = "temperature"
+request = "'>A1?'"
+answer_prefix = "'T='"
+signals = [ { name = "heater_t", at = 2, format = "decimal", simulated = -7 } ]
+[[io.serial.heater.requests]]
+name = "power"
+request = "'>B1='"
+answer = "'OK'"
+signals = [ { name = "heater", at = 4, format = "decimal", output = true, safe = 0, max = 60 } ]
+"#;
+
+#[test]
+fn serial_devices_with_request_and_answer_are_read_and_written_and_may_be_silent() {
+    let mut rig = Rig::with("serial", SERIAL);
+    assert_eq!(rig.news(), ["INIT", "RUN"]);
+    assert_eq!((rig.value("inside"), rig.value("door")), ((24.5, true), (1.0, true)));
+    assert_eq!((rig.value("heater_t"), rig.value("heater")), ((-7.0, true), (0.0, true)));
+    assert_eq!(rig.value("fan"), (50.0, true));
+    rig.command("fan", 20.0);
+    rig.command("heater", 60.0);
+    rig.robot.pass(0.3);
+    assert_eq!((rig.value("fan"), rig.value("heater")), ((20.0, true), (60.0, true)));
+    rig.robot.pass(1.2);
+    assert_eq!((rig.value("fan"), rig.value("heater")), ((50.0, true), (0.0, true)));
+    let target = "io.serial.climate".into();
+    let fault = CmdFault { timestamp: 0, target, fault: "silent".into(), value: 0.0, duration: 4.0 };
+    rig.robot.machine.inject(rig.robot.machine.now(), fault);
+    rig.robot.pass(3.9);
+    assert_eq!(rig.news(), ["Error IoDeviceLost io.serial.climate device", "ERROR"]);
+    assert_eq!((rig.value("inside").1, rig.value("heater_t").1), (false, true));
+    rig.robot.pass(3.0);
+    assert_eq!(rig.news(), ["Notice IoDeviceLost io.serial.climate device", "RUN"]);
+    assert_eq!(rig.value("inside"), (24.5, true));
+}
+
 #[test]
 fn outputs_show_what_the_robot_does() {
     let mut rig = Rig::with("signals", SIGNALS);

@@ -74,22 +74,23 @@ pub fn serial(bus: &Rs485Bus, device: &Device, user: &str) -> Option<Finding> {
     Some(device_file(&format!("rs485.{}", bus.name), &bus.line.port, bus.line.baud, device, (lost, user), SERIAL))
 }
 
-/// The serial ports of drives, lidars, inertial units and Modbus lines. A device with an address, or on a bus, has no
-/// port; a relative path is the simulator's.
+/// The serial ports of drives, lidars, inertial units, Modbus lines and others of `[io]`. A device with an address, or
+/// on a bus, has no port; a relative path is the simulator's.
 pub fn streams(robot: &Robot, device: impl Fn(&Path) -> Device, user: &str) -> Vec<Finding> {
     const WHEELS: &str = "Its wheels do not turn, and the robot does not move.";
     const LIDAR: &str = "It measures nothing; what it would see counts as unknown.";
     const IMU: &str = "It measures nothing.";
-    const MODBUS: &str = "Its inputs are unknown, and its outputs are not set.";
+    const IO: &str = "Its inputs are unknown, and its outputs are not set.";
     let drives = robot.serial.iter().map(|line| (line.bus(), line.port.stream(), WHEELS));
     let lidars = robot.lidar.iter().map(|lidar| (lidar.bus(), lidar.stream(), LIDAR));
     let imus = robot.imu.iter().map(|imu| (imu.subject(), imu.port.stream(), IMU));
-    let modbus = robot.io.iter().flat_map(|io| &io.modbus).map(|line| (line.bus(), line.port.clone(), MODBUS));
+    let modbus = robot.io.iter().flat_map(|io| &io.modbus).map(|line| (line.bus(), line.port.clone(), IO));
+    let serial = robot.io.iter().flat_map(|io| &io.serial).map(|line| (line.bus(), line.port.stream(), IO));
     let finding = |(bus, line, lost): (String, StreamPort, &str)| {
         let port = line.port.as_deref().filter(|port| port.is_absolute())?;
         Some(device_file(&bus, port, line.baud, &device(port), (lost, user), SERIAL))
     };
-    drives.chain(lidars).chain(imus).chain(modbus).filter_map(finding).collect()
+    drives.chain(lidars).chain(imus).chain(modbus).chain(serial).filter_map(finding).collect()
 }
 
 /// An I2C adapter, or the GPIO chip that makes one; none for the simulator's.

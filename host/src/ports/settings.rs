@@ -301,6 +301,47 @@ impl LidarPort {
 }
 
 settings! {
+    /// Keys of `[io.serial.<name>]` for the port: one of `port` and `address`.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct BytePort {
+        /// Device file; of a USB adapter its name under `/dev/serial/by-id`. A relative path: the simulator's
+        /// pseudo-terminal, in the run folder.
+        port: Option<PathBuf> = optional;
+        /// A serial server: address and TCP port, `"192.168.0.6:4001"`. In simulation one of this computer, as
+        /// `"127.0.0.1:4001"`.
+        address: Option<SocketAddr> = optional, Parsed(
+            |text| text.parse().ok(), r#""ADDRESS:PORT""#, "192.168.0.6:4001"
+        );
+        /// Any rate that the port can make.
+        baud: u32 = 9600, 1200..=4_000_000;
+        /// Parity of the eight bits; with `"none"` there are two stop bits, which devices with one accept.
+        parity: ByteParity = ByteParity::None;
+        /// Program and arguments that make the port an EIA-485 port, run before each opening.
+        setup: Vec<String> = Vec::<String>::new();
+        /// RTS switches the direction of the line. Absent: the adapter does, or the line has both.
+        rs485_direction as direction: Option<Direction> = optional;
+        /// USB adapters: received bytes are handed on at once, not after 16 ms.
+        low_latency: bool = false;
+        /// Every byte is published as `LL_DATA_RAW_<NAME>`.
+        raw: bool = false;
+    }
+    check BytePort::check;
+}
+
+impl BytePort {
+    fn check(&self, table: &Table<'_>) {
+        check_stream(table, self.port.as_ref(), self.address);
+    }
+
+    /// The same as a line of bytes.
+    #[must_use]
+    pub fn stream(&self) -> StreamPort {
+        let Self { port, address, baud, parity, setup, direction, low_latency, raw } = self.clone();
+        StreamPort { port, address, baud, parity, setup, direction, low_latency, raw }
+    }
+}
+
+settings! {
     /// Keys of `[imu.<name>]` for the port: one of `port` and `bus`.
     #[derive(Clone, Debug, PartialEq)]
     pub struct ImuPort {

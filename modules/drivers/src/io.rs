@@ -1,4 +1,4 @@
-//! Inputs and outputs by name: devices on Modbus lines, GPIO lines of the computer, switches on 1-Wire, power channels,
+//! Inputs and outputs by name: devices on Modbus and other serial lines, GPIO lines of the computer, switches on 1-Wire, power channels,
 //! CANopen devices.
 //!
 //! Devices   by table, `[io]` of robot.toml (`docs/io.md`)
@@ -27,6 +27,8 @@ mod devices;
 mod gpio;
 mod indicator;
 mod pattern;
+mod polled;
+mod serial;
 mod signal;
 mod situation;
 mod stop;
@@ -48,6 +50,7 @@ use messages::lowlevel::{CmdOutput, DataIo};
 use messages::{Channel, Message};
 use module::{Actions, Event, Input, Module, PortId, PortSpec, State};
 pub use pattern::Pattern;
+pub use serial::{FieldKeys, RequestKeys, Serial, SerialKeys};
 use signal::Signal;
 pub use situation::Situation;
 use situation::Watcher;
@@ -78,6 +81,8 @@ pub struct Io {
     signals: Vec<Signal>,
     buses: Vec<Bus>,
     /// Their ports follow those of the buses.
+    polled: Vec<polled::Line>,
+    /// Their ports follow those.
     lines: Vec<GpioLine>,
     /// Their port is the last.
     switches: Option<Switches>,
@@ -111,18 +116,32 @@ impl Io {
     pub fn new(config: Config) -> Result<Self, ConfigError> {
         let mut signals = signal::all(&config)?;
         signals.sort_by(|a, b| a.name.cmp(&b.name));
-        if config.modbus.len() + config.gpio.len() + usize::from(!config.switches.is_empty()) > PORTS_MAX {
+        if config.modbus.len() + config.serial.len() + config.gpio.len() + usize::from(!config.switches.is_empty())
+            > PORTS_MAX
+        {
             return Err(ConfigError::Count);
         }
         let serial =
             |bus: &Modbus| PortSpec { bus: bus.bus.clone(), line: module::Line::Serial { baud: bus.line.baud() } };
+        let bytes =
+            |line: &Serial| PortSpec { bus: line.bus.clone(), line: module::Line::Serial { baud: line.line_baud() } };
         let gpio = |line: &Gpio| PortSpec { bus: line.bus.clone(), line: module::Line::Gpio };
         let w1 = || PortSpec { bus: config.w1_bus.clone(), line: module::Line::OneWire };
         let w1 = (!config.switches.is_empty()).then(w1);
-        let ports = config.modbus.iter().map(serial).chain(config.gpio.iter().map(gpio)).chain(w1).collect();
+        let ports = config
+            .modbus
+            .iter()
+            .map(serial)
+            .chain(config.serial.iter().map(bytes))
+            .chain(config.gpio.iter().map(gpio))
+            .chain(w1)
+            .collect();
         let buses = config.modbus.iter().enumerate().map(|(n, bus)| Bus::new(bus, PortId(n as u8), &signals));
         let buses: Vec<Bus> = buses.collect::<Result<_, _>>()?;
-        let first = buses.len();
+        let polled = config.serial.iter().enumerate();
+        let polled = polled.map(|(n, line)| polled::Line::new(line, PortId((buses.len() + n) as u8), &signals));
+        let polled: Vec<polled::Line> = polled.collect::<Result<_, _>>()?;
+        let first = buses.len() + polled.len();
         let switches = Switches::new(&config, PortId((first + config.gpio.len()) as u8), &signals);
         let power = config.power.iter().filter_map(|keys| PowerOutput::new(keys, &signals)).collect();
         let lines = config.gpio.iter().enumerate();
@@ -143,6 +162,7 @@ impl Io {
             devices: Devices::new(&config.canopen, &signals),
             signals,
             buses,
+            polled,
             lines,
             switches,
             power,
@@ -205,9 +225,11 @@ impl Io {
 
     fn on_port(&mut self, now: Instant, port: PortId, input: &Input<'_>, out: &mut Actions) {
         let place = usize::from(port.0);
-        let first = self.buses.len();
+        let (buses, first) = (self.buses.len(), self.buses.len() + self.polled.len());
         if let Some(bus) = self.buses.get_mut(place) {
             bus.on_port(now, input, out);
+        } else if let Some(line) = place.checked_sub(buses).and_then(|place| self.polled.get_mut(place)) {
+            line.on_port(now, input, out);
         } else if let Some(line) = place.checked_sub(first).and_then(|place| self.lines.get_mut(place)) {
             line.on_port(now, input, &mut self.signals, out);
         } else if let Some(switches) = self.switches.as_mut().filter(|switches| switches.port() == port) {
@@ -237,6 +259,9 @@ impl Io {
         for bus in &mut self.buses {
             bus.serve(now, &mut self.signals, reads, out);
         }
+        for line in &mut self.polled {
+            line.serve(now, &mut self.signals, reads, out);
+        }
         for line in &mut self.lines {
             line.serve(now, &self.signals, reads, out);
         }
@@ -263,6 +288,7 @@ impl Io {
         if let Some(end) = self.end {
             let signals = &self.signals;
             let settled = self.buses.iter().all(|bus| bus.is_settled(signals))
+                && self.polled.iter().all(|line| line.is_settled(signals))
                 && self.lines.iter().all(|line| line.is_settled(signals))
                 && self.switches.iter().all(|switches| switches.is_settled(signals))
                 && self.devices.iter().all(|devices| devices.is_settled(now, signals));
@@ -273,6 +299,7 @@ impl Io {
     /// Reports to the shell whether the module works, if that changed and is known of all devices.
     fn report_condition(&mut self, out: &mut Actions) {
         let lines = || self.buses.iter().map(Bus::works).chain(self.lines.iter().map(GpioLine::works));
+        let lines = || lines().chain(self.polled.iter().map(polled::Line::works));
         let all = || lines().chain(self.switches.iter().map(Switches::works));
         let works = match all().any(|works| works == Some(false)) {
             true => Some(false),
@@ -301,6 +328,9 @@ impl Io {
         if self.statistics.due(now) {
             for bus in &mut self.buses {
                 bus.publish(now, out);
+            }
+            for line in &mut self.polled {
+                line.publish(now, out);
             }
         }
     }
@@ -345,6 +375,8 @@ impl Module for Io {
     fn poll_timeout(&self) -> Option<Instant> {
         let reads = !matches!(self.state, State::Stop | State::Terminate);
         let buses = self.buses.iter().filter_map(|bus| bus.poll_timeout(&self.signals, reads));
+        let polled = self.polled.iter().filter_map(|line| line.poll_timeout(&self.signals, reads));
+        let buses = buses.chain(polled);
         let lines = self.lines.iter().filter_map(|line| line.poll_timeout(&self.signals, reads));
         let lines = lines.chain(self.switches.iter().filter_map(|all| all.poll_timeout(&self.signals, reads)));
         let signals = self.signals.iter().filter_map(Signal::poll_timeout);

@@ -1,10 +1,12 @@
-//! Devices of inputs and outputs: on Modbus lines, and GPIO lines. Inputs keep the values that they are given, outputs
+//! Devices of inputs and outputs: on Modbus and other serial lines, and GPIO lines. Inputs keep the values that they are given, outputs
 //! what is written.
 
 use crate::faults::InjectedFault;
 use base::gpio::Signal;
 use base::serial::Word;
 use base::{Duration, Instant, earliest};
+use exchange::Protocol;
+use exchange::device::Known;
 use modbus::Line;
 use modbus::Table;
 use modbus::device::Device;
@@ -27,6 +29,19 @@ pub struct DeviceConfig {
     pub unit: u8,
     /// Registers and bits that it has: table, address, value at the start.
     pub points: Vec<(Table, u16, u16)>,
+}
+
+/// A serial line with devices of simple request and answer, which are one here.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExchangeConfig {
+    /// The bus's name, as its driver has it: `io.serial.board`. The target of faults.
+    pub bus: String,
+    /// Rate of its port.
+    pub baud: u32,
+    /// What all its frames have.
+    pub protocol: Protocol,
+    /// What it answers.
+    pub known: Vec<Known>,
 }
 
 /// A GPIO line.
@@ -57,7 +72,7 @@ pub struct ComputerConfig {
 /// All of them.
 #[derive(Debug, Default)]
 pub(crate) struct Io {
-    lines: Vec<ModbusLine>,
+    lines: Vec<SerialLine>,
     levels: Vec<bool>,
     computers: Vec<Computer>,
 }
@@ -113,22 +128,70 @@ impl Computer {
     }
 }
 
+/// The other end of a line.
 #[derive(Debug)]
-struct ModbusLine {
+enum Twin {
+    Modbus(Device),
+    Exchange(Box<exchange::device::Device>),
+}
+
+impl Twin {
+    fn reset(&mut self) {
+        match self {
+            Self::Modbus(device) => device.reset(),
+            Self::Exchange(device) => device.reset(),
+        }
+    }
+
+    fn handle_rx(&mut self, now: Instant, bytes: &[u8]) {
+        match self {
+            Self::Modbus(device) => device.handle_rx(now, bytes),
+            Self::Exchange(device) => device.handle_rx(now, bytes),
+        }
+    }
+
+    fn poll_tx(&mut self, now: Instant) -> Option<Vec<u8>> {
+        match self {
+            Self::Modbus(device) => device.poll_tx(now).map(|bytes| bytes.to_vec()),
+            Self::Exchange(device) => device.poll_tx(now).map(|bytes| bytes.to_vec()),
+        }
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        match self {
+            Self::Modbus(device) => device.poll_timeout(),
+            Self::Exchange(device) => device.poll_timeout(),
+        }
+    }
+}
+
+#[derive(Debug)]
+struct SerialLine {
     bus: String,
-    devices: Vec<Device>,
+    devices: Vec<Twin>,
     silent_until: Instant,
 }
 
+impl SerialLine {
+    fn new(bus: &str, devices: Vec<Twin>) -> Self {
+        Self { bus: bus.into(), devices, silent_until: Instant::ZERO }
+    }
+}
+
 impl Io {
-    pub fn new(modbus: &[ModbusConfig], gpio: &[LineConfig], computers: &[ComputerConfig]) -> Self {
-        let line = |config: &ModbusConfig| ModbusLine {
-            bus: config.bus.clone(),
-            devices: config.devices.iter().map(|device| emulated(config.line, device)).collect(),
-            silent_until: Instant::ZERO,
+    pub fn new(
+        modbus: &[ModbusConfig],
+        exchange: &[ExchangeConfig],
+        gpio: &[LineConfig],
+        computers: &[ComputerConfig],
+    ) -> Self {
+        let registers = |config: &ModbusConfig| {
+            let devices = config.devices.iter().map(|device| Twin::Modbus(emulated(config.line, device)));
+            SerialLine::new(&config.bus, devices.collect())
         };
+        let answering = |config: &ExchangeConfig| SerialLine::new(&config.bus, vec![Twin::Exchange(twin(config))]);
         let mut io = Self {
-            lines: modbus.iter().map(line).collect(),
+            lines: modbus.iter().map(registers).chain(exchange.iter().map(answering)).collect(),
             levels: gpio.iter().map(|line| line.active).collect(),
             computers: computers.iter().map(|config| Computer::new(config, gpio)).collect(),
         };
@@ -154,7 +217,7 @@ impl Io {
     /// A port was opened or closed.
     pub fn forget(&mut self, place: usize) {
         if let Some(line) = self.lines.get_mut(place) {
-            line.devices.iter_mut().for_each(Device::reset);
+            line.devices.iter_mut().for_each(Twin::reset);
         }
     }
 
@@ -164,7 +227,7 @@ impl Io {
         line.devices.iter_mut().for_each(|device| device.handle_rx(now, &bytes));
     }
 
-    /// The answer of a GPIO line; their places follow those of the Modbus lines.
+    /// The answer of a GPIO line; their places follow those of the serial lines.
     pub fn on_signal(&mut self, now: Instant, place: usize, signal: Signal) -> Option<Signal> {
         let place = place.checked_sub(self.lines.len())?;
         let level = self.levels.get_mut(place)?;
@@ -208,6 +271,13 @@ impl Io {
     }
 }
 
+fn twin(config: &ExchangeConfig) -> Box<exchange::device::Device> {
+    let mut device = Box::new(exchange::device::Device::new(config.protocol.clone()));
+    // What has no room is a request that the device does not know.
+    config.known.iter().for_each(|known| _ = device.add(known.clone()));
+    device
+}
+
 fn emulated(line: Line, config: &DeviceConfig) -> Device {
     let mut device = Device::new(line, config.unit);
     for (table, address, word) in &config.points {
@@ -248,7 +318,7 @@ mod tests {
     fn each_unit_of_a_line_answers_for_itself_until_the_line_is_silent() {
         let device = |unit, word| DeviceConfig { unit, points: vec![(Table::InputRegisters, 4, word)] };
         let config = ModbusConfig { bus: "modbus.a".into(), line: LINE, devices: vec![device(1, 7), device(9, 8)] };
-        let mut io = Io::new(&[config], &[LineConfig { bus: "gpio.b".into(), active: true }], &[]);
+        let mut io = Io::new(&[config], &[], &[LineConfig { bus: "gpio.b".into(), active: true }], &[]);
         let mut master = Master::new(Config::new(LINE)).unwrap();
         let mut now = Instant::ZERO;
         assert_eq!(ask(&mut io, &mut master, &mut now, 1), Ok(7));
@@ -279,7 +349,7 @@ mod tests {
                 shutdown: Duration::from_secs(3),
                 starts,
             };
-            let mut io = Io::new(&[], &[line("gpio.button"), line("gpio.led")], &[computer]);
+            let mut io = Io::new(&[], &[], &[line("gpio.button"), line("gpio.led")], &[computer]);
             let led = |io: &mut Io, ms: u64, fed: bool| {
                 io.supply(Instant::from_millis(ms), |channel| fed || channel != 1);
                 io.on_signal(Instant::from_millis(ms), 1, Signal::Read) == Some(Signal::Level(true))

@@ -54,6 +54,6 @@ pub use auxiliary::{HostConfig, I2cConfig, W1Config};
 pub use boards::drive::{DriveConfig, DriveKind};
 pub use boards::drive_line::{DriveLineConfig, MotorConfig};
 pub use boards::encoder::Axis;
-pub use io::{ComputerConfig, DeviceConfig, LineConfig, ModbusConfig};
+pub use io::{ComputerConfig, DeviceConfig, ExchangeConfig, LineConfig, ModbusConfig};
 pub use random::Random;
 pub use simulator::{BoardConfig, BoardKind, CanConfig, Config, SerialConfig, Simulator};

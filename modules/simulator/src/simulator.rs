@@ -18,7 +18,7 @@ use crate::body::{Parameters, STEP};
 use crate::faults::{self, InjectedFault};
 use crate::gamepad::{self, Gamepad};
 use crate::imu::{ImuConfig, Imus};
-use crate::io::{ComputerConfig, Io, LineConfig, ModbusConfig};
+use crate::io::{ComputerConfig, ExchangeConfig, Io, LineConfig, ModbusConfig};
 use crate::lidar::{LidarConfig, Lidars};
 use crate::random::Random;
 use crate::scene::Scene;
@@ -124,6 +124,8 @@ pub struct Config {
     pub line: Option<String>,
     /// Modbus lines of `driver_io`.
     pub modbus: Vec<ModbusConfig>,
+    /// Other serial lines of `driver_io`.
+    pub exchange: Vec<ExchangeConfig>,
     /// GPIO lines of `driver_io`.
     pub gpio: Vec<LineConfig>,
     /// Computers that the power controller feeds.
@@ -159,6 +161,7 @@ impl Default for Config {
             host: None,
             line: None,
             modbus: Vec::new(),
+            exchange: Vec::new(),
             gpio: Vec::new(),
             computers: Vec::new(),
             lidars: Vec::new(),
@@ -235,6 +238,8 @@ impl Simulator {
             .modbus
             .iter()
             .map(|modbus| PortSpec { bus: modbus.bus.clone(), line: Line::Serial { baud: modbus.line.baud() } });
+        let exchange = config.exchange.iter();
+        let exchange = exchange.map(|line| PortSpec { bus: line.bus.clone(), line: Line::Serial { baud: line.baud } });
         let gpio = config.gpio.iter().map(|line| PortSpec { bus: line.bus.clone(), line: Line::Gpio });
         let lidars = config
             .lidars
@@ -243,8 +248,8 @@ impl Simulator {
         let own_line =
             |imu: &ImuConfig| Some(PortSpec { bus: imu.bus.clone(), line: Line::Serial { baud: imu.baud? } });
         let imus = config.imus.iter().filter_map(own_line);
-        let ports =
-            can.chain(serial).chain(i2c).chain(w1).chain(host).chain(gamepad).chain(line).chain(modbus).chain(gpio);
+        let ports = can.chain(serial).chain(i2c).chain(w1).chain(host).chain(gamepad).chain(line).chain(modbus);
+        let ports = ports.chain(exchange).chain(gpio);
         let drive_lines = config
             .drive_lines
             .iter()
@@ -284,7 +289,7 @@ impl Simulator {
         self.scene = scene(&self.config, now);
         (self.motors, self.cut) = (true, false);
         self.gamepad = Gamepad::default();
-        self.io = Io::new(&self.config.modbus, &self.config.gpio, &self.config.computers);
+        self.io = Io::new(&self.config.modbus, &self.config.exchange, &self.config.gpio, &self.config.computers);
         self.lidars = Lidars::new(&self.config.lidars, now);
         self.imus = Imus::new(&self.config.imus, now, &self.scene);
         self.lines = self.config.serial.iter().map(|serial| self.line(serial, now)).collect();
@@ -328,7 +333,7 @@ impl Simulator {
     /// The number of the line of `driver_io` at a port.
     fn io_of(&self, port: PortId) -> Option<usize> {
         let place = usize::from(port.0).checked_sub(self.first_io())?;
-        (place < self.config.modbus.len() + self.config.gpio.len()).then_some(place)
+        (place < self.io_ports()).then_some(place)
     }
 
     /// The number of the lidar at a port.
@@ -360,7 +365,12 @@ impl Simulator {
     }
 
     fn first_io(&self) -> usize {
-        self.first_lidar() - self.config.modbus.len() - self.config.gpio.len()
+        self.first_lidar() - self.io_ports()
+    }
+
+    /// Ports of `driver_io`'s lines.
+    fn io_ports(&self) -> usize {
+        self.config.modbus.len() + self.config.exchange.len() + self.config.gpio.len()
     }
 
     fn first_i2c(&self) -> usize {

@@ -12,8 +12,8 @@ use drivers::rs485a::Ranger;
 use drivers::{canbus, imu, io, joydev, lidar, power, rs485_bus};
 use estimator::filter;
 use host::ports::settings::{
-    CanInterface, CanPort, GamepadPort, HostPort, I2cPlace, I2cPort, ImuPort, LidarPort, LinePort, SerialPort,
-    StreamPort, W1Port,
+    BytePort, CanInterface, CanPort, GamepadPort, HostPort, I2cPlace, I2cPort, ImuPort, LidarPort, LinePort,
+    SerialPort, StreamPort, W1Port,
 };
 use module::Line;
 use module::admission::Commands;
@@ -189,6 +189,8 @@ settings! {
         publish_s as publish: Duration = 1.0, 0.05..=60.0;
         /// Modbus lines by name.
         modbus: Vec<ModbusBus> = named;
+        /// Serial lines with devices of simple request and answer, by name.
+        serial: Vec<IoLine> = named;
         /// GPIO lines of the computer.
         gpio: Vec<io::GpioKeys> = [];
         /// Channels of switches on the 1-Wire bus.
@@ -210,6 +212,16 @@ settings! {
         name: String = key;
         port: StreamPort = flat;
         driver: io::ModbusKeys = flat;
+    }
+}
+
+settings! {
+    /// `[io.serial.<name>]`: a serial line, or a serial server, with devices of simple request and answer.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct IoLine {
+        name: String = key;
+        port: BytePort = flat;
+        driver: io::SerialKeys = flat;
     }
 }
 
@@ -296,7 +308,9 @@ impl Io {
         let w1 = self.w1.iter().map(|keys| &keys.name);
         let power = self.power.iter().map(|keys| &keys.name);
         let canopen = self.objects().map(|keys| &keys.name);
-        let names: Vec<&String> = signals.chain(gpio).chain(w1).chain(power).chain(canopen).collect();
+        let fields = self.fields().map(|keys| &keys.name);
+        let names: Vec<&String> = signals.chain(fields).chain(gpio).chain(w1).chain(power).chain(canopen).collect();
+        self.check_fields(table, &names);
         let powered: Vec<_> = self.power.iter().map(|keys| keys.channel).collect();
         table.unique("power", "channel", &powered, "one that no other entry has");
         let channels: Vec<_> = self.w1.iter().map(|keys| (keys.rom, keys.channel)).collect();
@@ -309,6 +323,27 @@ impl Io {
                     .for_each(|item| item.refuse("name", "names of signals in its other keys"));
             }
         }
+    }
+
+    /// Signals of serial lines have names of their own: the reader knows the line of a mistake.
+    fn check_fields(&self, table: &Table<'_>, names: &[&String]) {
+        let lines = table.below("serial");
+        for line in &self.serial {
+            let item = lines.as_ref().and_then(|lines| lines.below(&line.name));
+            for (n, request) in line.driver.requests.iter().enumerate() {
+                let item = item.as_ref().and_then(|item| item.item("requests", n));
+                for (n, signal) in request.signals.iter().enumerate() {
+                    let is_taken = names.iter().filter(|name| **name == &signal.name).count() > 1;
+                    let item = item.as_ref().and_then(|item| item.item("signals", n)).filter(|_| is_taken);
+                    item.iter().for_each(|item| item.refuse("name", "a name that no other signal of the robot has"));
+                }
+            }
+        }
+    }
+
+    /// Signals of serial lines.
+    fn fields(&self) -> impl Iterator<Item = &io::FieldKeys> {
+        self.serial.iter().flat_map(|line| line.driver.signals())
     }
 
     /// Signals of CANopen devices.
@@ -332,6 +367,7 @@ impl Io {
             || self.w1.iter().any(|keys| keys.name == name && all(&|value| keys.takes(value)))
             || self.power.iter().any(|keys| keys.name == name && all(&|value| keys.takes(value)))
             || self.objects().any(|keys| keys.name == name && all(&|value| keys.takes(value)))
+            || self.fields().any(|keys| keys.name == name && all(&|value| keys.takes(value)))
     }
 
     /// What its output of this name has, if that follows at once: on 1-Wire a pulse could be lost, or become too long.
@@ -340,7 +376,8 @@ impl Io {
         let found = modbus.find(|keys| keys.output && keys.name == name).map(|keys| &keys.limits);
         let gpio = || Some(&self.gpio.iter().find(|keys| keys.output && keys.name == name)?.limits);
         let canopen = || Some(&self.objects().find(|keys| keys.is_output() && keys.name == name)?.limits);
-        found.or_else(gpio).or_else(canopen)
+        let serial = || Some(&self.fields().find(|keys| keys.output && keys.name == name)?.limits);
+        found.or_else(gpio).or_else(canopen).or_else(serial)
     }
 
     /// True if it has an input of this name.
@@ -350,6 +387,7 @@ impl Io {
             || self.gpio.iter().any(|keys| !keys.output && keys.name == name)
             || self.w1.iter().any(|keys| !keys.output && keys.name == name)
             || self.objects().any(|keys| !keys.is_output() && keys.name == name)
+            || self.fields().any(|keys| !keys.output && keys.name == name)
     }
 
     /// True if it has an input of this name that is 0 or 1, and read often enough to stop the robot.
@@ -380,6 +418,7 @@ impl Io {
         io::Config {
             publish: self.publish,
             modbus: self.modbus.iter().map(modbus).collect(),
+            serial: self.serial.iter().map(IoLine::device).collect(),
             gpio: self.gpio.iter().map(|keys| io::Gpio { bus: gpio_bus(keys), keys: keys.clone() }).collect(),
             w1_bus: w1_bus.into(),
             switches: self.w1.clone(),
@@ -497,6 +536,21 @@ impl ModbusBus {
             Some(_) => modbus::Line::Tcp,
             None => modbus::Line::Rtu { baud: self.port.baud },
         }
+    }
+}
+
+impl IoLine {
+    /// Its name as a bus: that of its table.
+    #[must_use]
+    pub fn bus(&self) -> String {
+        format!("io.serial.{}", self.name)
+    }
+
+    /// For `driver_io`.
+    #[must_use]
+    pub fn device(&self) -> io::Serial {
+        let baud = self.port.address.is_none().then_some(self.port.baud);
+        io::Serial { bus: self.bus(), baud, keys: self.driver.clone() }
     }
 }
 

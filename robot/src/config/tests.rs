@@ -1308,6 +1308,32 @@ fn inputs_and_outputs_that_cannot_be_are_refused() {
 }
 
 #[test]
+fn serial_devices_are_read_and_names_that_other_signals_have_are_refused() {
+    let serial = r#"[io.serial.board]
+port = "io-board"
+answer_end = "0D"
+[[io.serial.board.requests]]
+name = "temperature"
+request = "'>A1?' 0D"
+signals = [ { name = "inside", format = "decimal" } ]
+"#;
+    let robot = load(&format!("{ROBOT}{IO}{serial}"), "", &[], MODULES).unwrap().robot;
+    let device = robot.io.unwrap().serial[0].device();
+    assert_eq!((&*device.bus, device.baud), ("io.serial.board", Some(9600)));
+    for (from, to, what) in [
+        ("\"inside\"", "\"volts\"", "io.serial.board.requests[0].signals[0].name = \"volts\": expected a name that no"),
+        ("port = \"io-board\"", "", "io.serial.board.port: missing, expected a device file, or address"),
+        ("answer_end = \"0D\"", "", "io.serial.board.requests[0].answer_length: missing, expected its bytes"),
+        ("answer_end = \"0D\"", "answer_ends = \"0D\"", "answer_ends: unknown key"),
+    ] {
+        assert!(serial.contains(from), "{from}");
+        let text = format!("{ROBOT}{IO}{}", serial.replacen(from, to, 1));
+        let lines = load(&text, "", &[], MODULES).unwrap_err();
+        assert!(lines.iter().any(|line| line.contains(what)), "{what}: {lines:?}");
+    }
+}
+
+#[test]
 fn what_is_shown_is_shown_by_outputs_in_situations_and_patterns_that_there_are() {
     const SHOW: &str = r#"[[signals.show]]
 output = "horn"

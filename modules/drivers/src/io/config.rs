@@ -2,6 +2,7 @@
 
 use super::canopen::Canopen;
 use super::pattern::Pattern;
+use super::serial::Serial;
 use super::situation::Situation;
 use crate::gpio_line::LineRule;
 use base::Duration;
@@ -401,6 +402,8 @@ pub struct Config {
     pub publish: Duration,
     /// Modbus lines.
     pub modbus: Vec<Modbus>,
+    /// Lines of devices with simple request and answer.
+    pub serial: Vec<Serial>,
     /// GPIO lines.
     pub gpio: Vec<Gpio>,
     /// Name of the 1-Wire bus.
@@ -448,6 +451,8 @@ listed! {
         Show => "an entry of [signals] names no output, or a value that it does not take",
         /// A serial line has units 1 to 247.
         Unit => "a serial line has units 1 to 247",
+        /// A request of a serial line.
+        Request => "a request of a serial line is too long, or its answer has neither a length nor an end",
         /// The master's own check.
         Line => "the line's rate or time limit is out of range",
     }

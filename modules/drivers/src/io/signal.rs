@@ -4,6 +4,7 @@ use super::canopen::ObjectPlace;
 use super::config::{Config, ConfigError, OutputKeys, SIGNALS_MAX};
 use super::gpio;
 use base::{Duration, Instant, earliest};
+use exchange::value::Place as Field;
 use messages::lowlevel;
 use modbus::value::Place;
 
@@ -35,6 +36,7 @@ enum Numbers {
     Switch,
     Modbus(Place),
     Canopen(ObjectPlace),
+    Serial(Box<Field>),
 }
 
 /// What an output should be.
@@ -55,6 +57,12 @@ pub(super) fn all(config: &Config) -> Result<Vec<Signal>, ConfigError> {
             Signal::new(&keys.name, output, bus.keys.age_max)
         })
     });
+    let serial = config.serial.iter().flat_map(|line| {
+        line.keys.signals().map(|keys| {
+            let output = keys.output.then(|| Output::new(keys.limits, Numbers::Serial(Box::new(keys.place()))));
+            Signal::new(&keys.name, output, line.keys.age_max)
+        })
+    });
     let gpio = config.gpio.iter().map(|line| {
         let output = line.keys.output.then(|| Output::new(line.keys.limits, Numbers::Switch));
         Signal::new(&line.keys.name, output, gpio::AGE_MAX)
@@ -72,7 +80,7 @@ pub(super) fn all(config: &Config) -> Result<Vec<Signal>, ConfigError> {
             Signal::new(&keys.name, output, NODE_AGE_MAX)
         })
     });
-    let signals: Vec<Signal> = modbus.chain(gpio).chain(w1).chain(power).chain(canopen).collect();
+    let signals: Vec<Signal> = modbus.chain(serial).chain(gpio).chain(w1).chain(power).chain(canopen).collect();
     let mut names: Vec<&str> = signals.iter().map(|signal| signal.name.as_str()).collect();
     names.sort_unstable();
     match signals.len() {
@@ -183,6 +191,7 @@ impl Output {
         let exists = match &self.numbers {
             Numbers::Modbus(place) => place.number(value).is_some(),
             Numbers::Canopen(place) => place.bits(value).is_some(),
+            Numbers::Serial(place) => place.has(value),
             Numbers::Switch => value == 0.0 || value == 1.0,
         };
         exists && self.keys.accepts(value)

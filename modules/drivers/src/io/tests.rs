@@ -1,5 +1,7 @@
 //! The driver with emulated devices on its lines.
 
+mod serial;
+
 use super::config::{
     BatteryKeys, Config, ConfigError, Gpio, GpioKeys, Modbus, ModbusKeys, OutputKeys, PowerKeys, ShowKeys, Shows,
     SignalKeys, SwitchKeys,
@@ -99,6 +101,7 @@ fn config(line: Line) -> Config {
     Config {
         publish: Duration::from_secs(1),
         modbus: vec![Modbus { bus: "modbus.plc".into(), line, keys }],
+        serial: Vec::new(),
         gpio: vec![gpio("horn", Some(0.0)), gpio("door", None)],
         w1_bus: "w1".into(),
         switches: Vec::new(),

@@ -35,7 +35,7 @@ impl Simulator {
     }
 
     /// All names: drives, motors on serial lines, output, CANopen devices, GPIO line, boards, chips, thermometers,
-    /// temperatures of the computer, then buses, those of Modbus, computers, the lidars and the inertial measurement
+    /// temperatures of the computer, then buses, those of `[io]`, computers, the lidars and the inertial measurement
     /// units last.
     fn targets(&mut self) -> Vec<String> {
         let config = &self.config;
@@ -52,6 +52,7 @@ impl Simulator {
         targets.extend(config.drive_lines.iter().map(|line| line.bus.clone()));
         targets.extend(config.serial.iter().map(|serial| serial.bus.clone()));
         targets.extend(config.modbus.iter().map(|modbus| modbus.bus.clone()));
+        targets.extend(config.exchange.iter().map(|line| line.bus.clone()));
         targets.extend(config.computers.iter().map(|computer| computer.channel.1.clone()));
         targets.extend(config.lidars.iter().map(|lidar| lidar.bus.clone()));
         targets.extend(config.imus.iter().map(|imu| imu.name.clone()));
