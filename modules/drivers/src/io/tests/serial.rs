@@ -251,11 +251,11 @@ fn an_ascii_board_is_read_and_written() {
         request = "'>B1='"
         answer = "'OK'"
         signals = [
-            { name = "heater", at = 4, format = "decimal", length = 4, decimals = 1, output = true, safe = 0, max = 60 },
+            { name = "heater", at = 4, format = "decimal", length = 4, decimals = 1, output = true, safe = 0 },
         ]
     "#;
     assert!(keys(table).unwrap_err().contains("requests[1].signals[0].at = 4"), "beyond the request");
-    let table = table.replace("'>B1='", "'>B1=0000'").replace("at = 4,", "at = 4,");
+    let table = table.replace("'>B1='", "'>B1=0000'");
     let mut rig = Rig::new(&table, &[(b">A1?\r", b"+023.4\r"), (b">B1=00.0\r", b"OK\r"), (b">B1=37.5\r", b"OK\r")]);
     rig.run(1200);
     assert_eq!((rig.value("t"), rig.value("heater")), ((23.4, true), (0.0, true)));
