@@ -93,6 +93,10 @@ fn a_base_names_the_axes_of_its_drives() {
             "kind = \"skid-steer\"\ntrack_m = 0.6\nwheelbase_m = 0.5",
             &["front_left", "front_right", "rear_left", "rear_right"],
         ),
+        (
+            "kind = \"skid\"\ntrack_m = 0.6\nwheelbase_m = 0.5",
+            &["front_left", "front_right", "rear_left", "rear_right"],
+        ),
         ("kind = \"omni\"\nradius_m = 0.2", &["wheel_1", "wheel_2", "wheel_3"]),
         ("kind = \"omni\"\nradius_m = 0.2\nwheels = 4", &["wheel_1", "wheel_2", "wheel_3", "wheel_4"]),
     ] {
@@ -116,6 +120,50 @@ fn a_base_names_the_axes_of_its_drives() {
     assert_eq!(load(&wrong, "", &[], MODULES).unwrap_err(), [expected]);
     let both = based("kind = \"differential\"\ntrack_m = 0.42", &[&epos(1, "left"), &epos(2, "left")]);
     assert_eq!(load(&both, "", &[], MODULES).unwrap_err().len(), 1, "two drives on one wheel");
+}
+
+#[test]
+fn a_base_that_steers_has_a_kind_an_end_and_a_driven_wheel() {
+    use settings::robot::{End, Traction};
+    let with = |base: &str| {
+        let robot = ROBOT.replacen("[limits]", &format!("[base]\n{base}\n[limits]"), 1);
+        load(&robot, "", &[], MODULES).map(|config| config.robot)
+    };
+    let of = |base: &str| {
+        let robot = with(base).unwrap();
+        assert_eq!((robot.base, robot.axes()), (None, &["propulsion", "steering"][..]), "{base}");
+        let steered = robot.geometry.steered;
+        (steered.end, steered.one_fixed, steered.one_steered, robot.geometry.traction())
+    };
+    let axle = Traction::Fixed { left: 0.0 };
+    assert_eq!(with("kind = \"ackermann\"").unwrap().geometry, load(ROBOT, "", &[], MODULES).unwrap().robot.geometry);
+    assert_eq!(of("kind = \"ackermann\"\nsteered = \"rear\""), (End::Rear, false, false, axle));
+    assert_eq!(of("kind = \"tricycle\""), (End::Front, false, true, axle));
+    let fork_lift = "kind = \"tricycle\"\nsteered = \"rear\"\ndriven = \"steered\"";
+    assert_eq!(of(fork_lift), (End::Rear, false, true, Traction::Steered));
+    let beside = of("kind = \"tricycle\"\ndriven_left_m = -0.3");
+    assert_eq!(beside, (End::Front, false, true, Traction::Fixed { left: -0.5 }));
+    assert_eq!(of("kind = \"bicycle\"\ndriven = \"fixed\""), (End::Front, true, true, axle));
+
+    let refused = |base: &str, expected: &str| assert_eq!(with(base).unwrap_err(), [expected]);
+    refused(
+        "kind = \"tricycle\"\ndriven_left_m = 0.7",
+        "robot.toml:13: base.driven_left_m = 0.7: expected at most 0.686 either way: in the narrowest curve by \
+         limits.steering_rad the wheel would be at its centre, or turn the other way",
+    );
+    refused(
+        "kind = \"tricycle\"\ndriven_left_m = 0.2\ndriven = \"steered\"",
+        "robot.toml:13: base.driven_left_m = 0.2: expected nothing beside driven = \"steered\", a wheel in the middle",
+    );
+    let unknown = with("kind = \"tank\"").unwrap_err();
+    let names = ["differential", "skid-steer", "skid", "mecanum", "omni", "tricycle", "ackermann", "bicycle"];
+    assert!(unknown[0].starts_with("robot.toml:12: base.kind = \"tank\": expected "), "{unknown:?}");
+    assert!(names.iter().all(|name| unknown[0].contains(&format!("{name:?}"))), "{unknown:?}");
+    let twice = ROBOT.replacen("[limits]", "driven = \"front\"\n[base]\nkind = \"tricycle\"\n[limits]", 1);
+    let expected = "robot.toml:11: geometry.driven = \"front\": expected nothing beside [base], whose own key is \
+                    driven = \
+                    \"fixed\" or \"steered\"";
+    assert_eq!(load(&twice, "", &[], MODULES).unwrap_err(), [expected]);
 }
 
 /// An ODrive of a wheel.

@@ -13,7 +13,7 @@ use crate::io::Canopen;
 use base::Duration;
 use canopen::drives::derive::Refusal;
 use canopen::eds::Eds;
-use settings::robot::{Base, DrivenAxle, Geometry, Limits};
+use settings::robot::{Base, Geometry, Limits, Traction};
 use settings::{Blank, Off, Section as _, Table, ZeroOr, settings};
 use std::fmt;
 use std::path::PathBuf;
@@ -393,13 +393,13 @@ pub struct Config {
     pub sync: Option<Duration>,
     /// Period of TIME, if any node keeps a clock.
     pub time: Option<Duration>,
-    /// Front to rear axle, m; of a base without steering: of the base as whose steering it takes the angle of
+    /// Fixed to steered axle, m; of a base without steering: of the base as whose steering it takes the angle of
     /// `LL_CMD_MOTION`.
     pub wheelbase: f64,
     /// Circumference of a driven wheel, m.
     pub wheel_circumference: f64,
     /// What the propulsion of a base that steers drives.
-    pub driven: DrivenAxle,
+    pub traction: Traction,
     /// Wheels of a base without steering; none: a driven rear axle and steered front wheels.
     pub base: Option<Base>,
     /// Bounds on commands and on what is done.
@@ -649,7 +649,7 @@ impl BusConfig {
             time: self.time,
             wheelbase: geometry.wheelbase_m,
             wheel_circumference: circumference,
-            driven: geometry.driven,
+            traction: geometry.traction(),
             base,
             limits,
             critical: Vec::new(),
