@@ -619,6 +619,7 @@ impl Robot {
     }
 
     fn check(&self, table: &Table<'_>) {
+        self.check_speeds(table);
         self.check_axes(table);
         self.check_lines(table);
         self.check_imus(table);
@@ -816,6 +817,19 @@ impl Robot {
                 (imu::Model::Xsens, _) => "the name of a CAN bus of this file, as \"can.main\"",
             };
             if table.has("bus") { table.refuse("bus", expected) } else { table.refuse_missing("bus", expected) }
+        }
+    }
+
+    /// No source is permitted more than the robot. A `speed_mps` of the command line bounds all of them for a run.
+    fn check_speeds(&self, table: &Table<'_>) {
+        let most = self.limits.speed_mps;
+        let Some(table) = table.below("limits").filter(|table| !table.is_set("speed_mps")) else { return };
+        let sources = [
+            ("speed_manual_mps", self.limits.speed_manual_mps),
+            ("speed_autonomous_mps", self.limits.speed_autonomous_mps),
+        ];
+        for (key, _) in sources.into_iter().filter(|(_, speed)| *speed > most) {
+            table.refuse(key, format_args!("at most limits.speed_mps, {most}"));
         }
     }
 

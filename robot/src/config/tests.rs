@@ -166,6 +166,41 @@ fn a_base_that_steers_has_a_kind_an_end_and_a_driven_wheel() {
     assert_eq!(load(&twice, "", &[], MODULES).unwrap_err(), [expected]);
 }
 
+#[test]
+fn no_source_is_faster_than_the_robot_unless_it_is_slowed_down_for_a_run() {
+    for (key, was) in [("speed_manual_mps", "0.6"), ("speed_autonomous_mps", "0.8")] {
+        let line = ROBOT.lines().position(|line| line.starts_with(key)).unwrap() + 1;
+        let expected = format!("robot.toml:{line}: limits.{key} = 1.3: expected at most limits.speed_mps, 1.2");
+        refused(&format!("{key} = {was}"), &format!("{key} = 1.3"), &[&expected]);
+    }
+    assert!(load(ROBOT, "", &["limits.speed_mps=0.3"], MODULES).is_ok());
+    let set = load(ROBOT, "", &["limits.speed_manual_mps=1.3"], MODULES).unwrap_err();
+    assert_eq!(set, ["--set: limits.speed_manual_mps = 1.3: expected at most limits.speed_mps, 1.2"]);
+}
+
+#[test]
+fn a_homing_method_is_one_of_the_standard_or_of_the_maker_and_of_a_steering() {
+    let expected = "1 to 14, 17 to 30, 33 to 35, 37 (CiA 402), or below 0 (the maker's)";
+    let with = |method: &str| {
+        let to = format!("switch_rad = 0, homing_method = {method},");
+        load(&ROBOT.replacen("switch_rad = 0,", &to, 1), "", &[], MODULES).err().unwrap_or_default()
+    };
+    for method in ["99", "0", "15", "36"] {
+        assert_eq!(
+            with(method),
+            [format!("robot.toml:25: can.main.nodes[1].homing_method = {method}: expected {expected}")]
+        );
+    }
+    assert!(["-1", "27", "35", "37"].iter().all(|method| with(method).is_empty()));
+    let wheel = ROBOT.replacen(
+        "driver = \"epos\", axis = \"propulsion\", gear = 26",
+        "driver = \"cia402\", axis = \"propulsion\", gear = 26, eds = \"wheel.eds\", homing_method = 27",
+        1,
+    );
+    let found = load(&wheel, "", &[], MODULES).unwrap_err();
+    assert_eq!(found, ["robot.toml:24: can.main.nodes[0].homing_method = 27: expected nothing: a wheel is not homed"]);
+}
+
 /// An ODrive of a wheel.
 fn odrive(id: u8, axis: &str, more: &str) -> String {
     format!(

@@ -11,6 +11,7 @@ use super::requests::may_be_listed;
 use super::vesc::VescConfig;
 use crate::io::Canopen;
 use base::Duration;
+use canopen::axis::modes::method::Method;
 use canopen::drives::derive::Refusal;
 use canopen::eds::Eds;
 use settings::robot::{Base, Geometry, Limits, Traction};
@@ -741,8 +742,16 @@ impl EposConfig {
     }
 }
 
+/// A homing method is one of CiA 402, or one of the maker's, which are negative.
+pub(super) fn check_method(table: &Table<'_>, number: i8) {
+    if number >= 0 && Method::of(number).is_none() {
+        table.refuse("homing_method", "1 to 14, 17 to 30, 33 to 35, 37 (CiA 402), or below 0 (the maker's)");
+    }
+}
+
 impl IclaConfig {
     fn check(&self, table: &Table<'_>) {
         not_zero(table, self.gear);
+        check_method(table, self.homing_method);
     }
 }
