@@ -22,7 +22,7 @@ use std::ops::RangeInclusive;
 const LISTEN: Duration = Duration::from_millis(300);
 /// Time limit of an answer of a controller that was received.
 const ANSWER: Duration = Duration::from_millis(100);
-/// Time limit of a VESC that may be there. Only one is asked at a time: fragments of an answer do not name their sender.
+/// Time limit of a VESC that may be there. One is asked at a time: fragments of an answer do not name their sender.
 const ANSWER_MAYBE: Duration = Duration::from_millis(15);
 /// Id by which VESCs answer.
 const HOST_ID: u8 = 254;

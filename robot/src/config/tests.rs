@@ -155,14 +155,13 @@ fn a_base_that_steers_has_a_kind_an_end_and_a_driven_wheel() {
         "kind = \"tricycle\"\ndriven_left_m = 0.2\ndriven = \"steered\"",
         "robot.toml:13: base.driven_left_m = 0.2: expected nothing beside driven = \"steered\", a wheel in the middle",
     );
-    let unknown = with("kind = \"tank\"").unwrap_err();
+    let unknown = with("kind = \"tank\"\ntrack_m = 0.4").unwrap_err();
     let names = ["differential", "skid-steer", "skid", "mecanum", "omni", "tricycle", "ackermann", "bicycle"];
     assert!(unknown[0].starts_with("robot.toml:12: base.kind = \"tank\": expected "), "{unknown:?}");
     assert!(names.iter().all(|name| unknown[0].contains(&format!("{name:?}"))), "{unknown:?}");
     let twice = ROBOT.replacen("[limits]", "driven = \"front\"\n[base]\nkind = \"tricycle\"\n[limits]", 1);
     let expected = "robot.toml:11: geometry.driven = \"front\": expected nothing beside [base], whose own key is \
-                    driven = \
-                    \"fixed\" or \"steered\"";
+                    driven = \"fixed\" or \"steered\"";
     assert_eq!(load(&twice, "", &[], MODULES).unwrap_err(), [expected]);
 }
 
