@@ -5,6 +5,7 @@
 
 mod access;
 mod book;
+mod controllers;
 mod decode;
 mod identify;
 mod link;

@@ -118,7 +118,7 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
         speed: robot.limits.speed_mps,
         steering_angle: robot.limits.steering_rad,
         wheelbase: robot.geometry.wheelbase_m,
-        tread_ratio: robot.geometry.driven.tread_ratio(robot.limits.steering_rad),
+        tread_ratio: robot.geometry.traction().greatest_ratio(robot.limits.steering_rad),
         rotation: match base {
             Some(_) => robot.limits.rotation_radps,
             // That of the tightest turn at full speed.

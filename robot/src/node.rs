@@ -10,7 +10,7 @@ use ros2::operator;
 use ros2::outgoing::{self, OdometrySource};
 use ros2::parameters::{Parameter, Value};
 use ros2::topics::Devices;
-use settings::robot::{DrivenAxle, Geometry};
+use settings::robot::{DrivenAxle, End, Geometry, Steered};
 use simulator::world::World;
 
 /// Parameters of the module `ros2`.
@@ -85,10 +85,10 @@ fn parameters(place: &RobotLocation, robot: &Robot) -> Vec<Parameter> {
         ("limits.speed_manual_mps", limits.speed_manual_mps, "Greatest speed under /cmd_vel, m/s."),
         ("limits.speed_autonomous_mps", limits.speed_autonomous_mps, "Greatest speed under the planner, m/s."),
         ("limits.rotation_radps", limits.rotation_radps, "Greatest rotation of a base without steering, rad/s."),
-        ("limits.steering_rad", limits.steering_rad, "Greatest angle of the front wheel of a base that steers, rad."),
+        ("limits.steering_rad", limits.steering_rad, "Greatest angle of the steered wheel of a base that steers, rad."),
         ("limits.acceleration_mps2", limits.acceleration_mps2, "Greatest acceleration, m/s^2."),
         ("limits.deceleration_mps2", limits.deceleration_mps2, "Deceleration of a commanded stop, m/s^2."),
-        ("geometry.wheelbase_m", geometry.wheelbase_m, "Rear axle to front axle, m."),
+        ("geometry.wheelbase_m", geometry.wheelbase_m, "Fixed to steered axle, m."),
         ("geometry.track_m", geometry.track_m, "Distance of the front wheels, m."),
         ("geometry.wheel_radius_m", geometry.wheel_radius_m, "Radius of the wheels, m."),
         ("geometry.length_m", geometry.length_m(), "Bumper to bumper, m."),
@@ -116,7 +116,7 @@ fn description(robot: &Robot) -> Description {
 }
 
 fn wheels(robot: &Robot) -> Vec<Wheel> {
-    let Geometry { wheelbase_m, track_m, driven, .. } = robot.geometry;
+    let Geometry { wheelbase_m, track_m, driven, steered, .. } = robot.geometry;
     if let Some(base) = robot.base {
         // What is no base is refused by its driver.
         let Ok(chassis) = base.chassis(&robot.limits) else { return Vec::new() };
@@ -134,20 +134,28 @@ fn wheels(robot: &Robot) -> Vec<Wheel> {
         name: format!("{name}_wheel"),
         place: Pose { x, y, theta: 0.0 },
         axis: driven.then(|| "propulsion".into()),
-        steering: steered.then(|| Steering { axis: "steering".into(), wheelbase: wheelbase_m }),
+        steering: steered.then(|| Steering { axis: "steering".into(), x }),
     };
-    let half = track_m / 2.0;
-    let by_front = driven == DrivenAxle::Front;
-    let mut wheels: Vec<Wheel> =
-        [("rear_left", half), ("rear_right", -half)].map(|(name, y)| wheel(name, 0.0, y, !by_front, false)).into();
-    if by_front {
-        wheels.push(wheel("front", wheelbase_m, 0.0, true, true));
-    } else {
-        wheels.extend(
-            [("front_left", half), ("front_right", -half)].map(|(name, y)| wheel(name, wheelbase_m, y, false, true)),
-        );
-    }
-    wheels
+    let Steered { one_steered, one_fixed, end, driven_left_m } = steered;
+    let drives_steered = driven == DrivenAxle::Steered;
+    let (x, ends) = match end {
+        End::Front => (wheelbase_m, ["rear", "front"]),
+        End::Rear => (-wheelbase_m, ["front", "rear"]),
+    };
+    let places = |end: &str, one: bool| {
+        let both = || ["left", "right"].map(|side| format!("{end}_{side}"));
+        let places = |[left, right]: [String; 2]| vec![(left, track_m / 2.0), (right, -track_m / 2.0)];
+        if one { vec![(end.to_owned(), 0.0)] } else { places(both()) }
+    };
+    let [fixed, steered] = [places(ends[0], one_fixed), places(ends[1], one_steered || drives_steered)];
+    // One beside the middle is one of both, or a further one.
+    let beside = driven_left_m != 0.0;
+    let is_driven = |y: f64| !drives_steered && (!beside || (y - driven_left_m).abs() < 1e-3);
+    let further = beside && !fixed.iter().any(|(_, y)| is_driven(*y));
+    let further = further.then(|| wheel("driven", 0.0, driven_left_m, true, false));
+    let fixed = fixed.iter().map(|(name, y)| wheel(name, 0.0, *y, is_driven(*y), false));
+    let steered = steered.iter().map(|(name, y)| wheel(name, x, *y, drives_steered, true));
+    fixed.chain(further).chain(steered).collect()
 }
 
 #[cfg(test)]
@@ -171,5 +179,28 @@ mod tests {
             assert_eq!(description.sensors.len(), robot.lidar.len());
             assert!(description.wheels.iter().any(|wheel| wheel.axis.is_some()), "{name}");
         }
+    }
+
+    #[test]
+    fn wheels_of_a_base_that_steers_are_where_it_has_them() {
+        let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee");
+        let wheels = |sets: &[&str]| {
+            let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
+            let robot = Config::load(&config, true, &sets).unwrap().robot;
+            let wheel = |wheel: Wheel| {
+                let steered = wheel.steering.map(|steering| steering.x);
+                (wheel.name, wheel.place.x, wheel.place.y, wheel.axis.is_some(), steered)
+            };
+            super::wheels(&robot).into_iter().map(wheel).collect::<Vec<_>>()
+        };
+        let of = |name: &str, x, y, driven, steered| (format!("{name}_wheel"), x, y, driven, steered);
+        let left = ["base.kind=\"tricycle\"", "base.steered=\"rear\"", "base.driven_left_m=0.25"];
+        let fixed = [of("front_left", 0.0, 0.25, true, None), of("front_right", 0.0, -0.25, false, None)];
+        let steered = of("rear", -0.6, 0.0, false, Some(-0.6));
+        assert_eq!(wheels(&left), [fixed[0].clone(), fixed[1].clone(), steered.clone()]);
+        let inside = ["base.kind=\"tricycle\"", "base.steered=\"rear\"", "base.driven_left_m=0.1"];
+        let found = wheels(&inside);
+        assert_eq!(found[2..], [of("driven", 0.0, 0.1, true, None), steered]);
+        assert!(!found[0].3 && !found[1].3, "{found:?}");
     }
 }

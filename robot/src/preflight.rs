@@ -110,6 +110,25 @@ mod tests {
     }
 
     #[test]
+    fn a_data_sheet_that_is_missing_is_refused_with_the_line_that_names_it() {
+        let folder = std::env::temp_dir().join(format!("advee-preflight-sheet-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        for file in ["robot.toml", "modules.toml"] {
+            std::fs::copy(shipped().join("../courier").join(file), folder.join(file)).unwrap();
+        }
+        let text = std::fs::read_to_string(folder.join("robot.toml")).unwrap();
+        let line = text.lines().position(|line| line.starts_with("eds = \"wheel.eds\"")).unwrap() + 1;
+        let found = problems(&place(folder.clone(), false));
+        let folder_text = folder.display();
+        let expected = format!(
+            "{folder_text}/robot.toml:{line}: can.main.nodes[0].eds = \"wheel.eds\": expected a data sheet: there is \
+             no file {folder_text}/wheel.eds"
+        );
+        assert!(found.contains(&expected), "{expected}\n{found:#?}");
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
     fn faults_are_those_of_the_configured_boards() {
         let faults = faults(&place(shipped(), true)).unwrap();
         let of = |target: &str| faults.iter().find(|(name, _)| name == target).map(|(_, faults)| faults.as_slice());

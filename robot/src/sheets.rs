@@ -4,6 +4,7 @@ use crate::config::{CanBus, ConfigError};
 use crate::place::RobotLocation;
 use canopen::eds::Eds;
 use drivers::canbus::{self, Canbus};
+use settings::Value;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -21,11 +22,31 @@ fn load(path: &Path) -> Result<Eds, ConfigError> {
 
 /// Reads the sheets of the drives that are driven by them, unless a recording has brought them.
 pub(crate) fn read(place: &RobotLocation, bus: &mut CanBus) -> Result<(), ConfigError> {
-    for node in bus.driver.nodes.iter_mut().filter(|node| node.drive.by_sheet().is_some() && node.sheet.is_none()) {
+    let by_sheet = |node: &canbus::Node| node.drive.by_sheet().is_some() && node.sheet.is_none();
+    for (n, node) in bus.driver.nodes.iter_mut().enumerate().filter(|(_, node)| by_sheet(node)) {
         let Some(path) = &node.eds else { continue };
-        node.sheet = Some(Arc::new(load(&place.config.join(path))?));
+        let full = place.config.join(path);
+        if !full.is_file() {
+            return Err(missing(place, (&bus.name, n), path));
+        }
+        node.sheet = Some(Arc::new(load(&full)?));
     }
     Ok(())
+}
+
+/// No such sheet: with the line of the file that names it.
+fn missing(place: &RobotLocation, (bus, n): (&str, usize), path: &Path) -> ConfigError {
+    let files = if place.sim { &["sim.toml", "robot.toml"][..] } else { &["robot.toml"] };
+    let line = files.iter().find_map(|file| {
+        let root = settings::read(&place.config.join(file)).ok()?;
+        let nodes = root.below("can")?.below(bus)?.below("nodes")?;
+        let Value::Array(nodes) = &nodes.value else { return None };
+        let named = nodes.get(n)?.below("eds")?;
+        matches!(&named.value, Value::String(name) if Path::new(name) == path).then(|| named.origin.to_string())
+    });
+    let what = format!("can.{bus}.nodes[{n}].eds = {:?}", path.display().to_string());
+    let at = line.map_or_else(|| what.clone(), |line| format!("{line}: {what}"));
+    ConfigError(vec![format!("{at}: expected a data sheet: there is no file {}", place.config.join(path).display())])
 }
 
 /// The text of each sheet by which a drive of the bus is driven, and its file.

@@ -120,7 +120,7 @@ pub struct Limits {
     pub steering_angle: f64,
     /// Rear axle to front axle, m; of a robot that turns by its wheels that of the curves of `LL_CMD_MOTION`.
     pub wheelbase: f64,
-    /// Greatest speed of the driven tread per speed of the rear axle; 1 unless the steered wheel is driven.
+    /// Greatest speed of the driven tread per speed of the fixed axle; 1 if that is driven as a whole.
     pub tread_ratio: f64,
     /// Maximum rotation of a command, rad/s; a faster one is rejected.
     pub rotation: f64,

@@ -4,6 +4,7 @@
 
 use crate::command::{Outcome, values};
 use crate::support::{Robot, advee, can_port, workspace};
+use base::can::{Frame, Id};
 use base::{Duration, Instant};
 use canopen::dictionary::{Access, DataType, Entry};
 use canopen::drives::{epos, icla};
@@ -13,6 +14,7 @@ use canopen::{Dictionary, NmtState, Node};
 use host::clock;
 use host::ports::{Port, PortConfig, Received};
 use module::{Input, Output as ToPort};
+use motorctl::{odrive, vesc};
 use serde_json::Value;
 use std::net::SocketAddrV4;
 use std::path::{Path, PathBuf};
@@ -42,6 +44,42 @@ fn nodes() -> Vec<Node> {
     vec![Node::new(drive(), ms), Node::new(icla::dictionary(9), ms), lss]
 }
 
+/// A controller that is no node of CANopen.
+enum Controller {
+    Odrive(odrive::device::Device),
+    /// With its id where it sends its status.
+    Vesc(vesc::device::Device<vesc::can::Link>, Option<u8>),
+}
+
+impl Controller {
+    fn odrive(node: u8) -> Self {
+        Self::Odrive(odrive::device::Device::new(odrive::Device { node, ..odrive::Device::EXAMPLE }))
+    }
+
+    fn vesc(id: u8, sends_status: bool) -> Self {
+        let device = vesc::Device { id, ..vesc::Device::EXAMPLE };
+        Self::Vesc(vesc::device::Device::new(device, vesc::can::Link::device(id)), sends_status.then_some(id))
+    }
+
+    fn serve(&mut self, now: Instant, received: &[Frame], sends_status: bool) -> Vec<Frame> {
+        match self {
+            Self::Odrive(device) => {
+                received.iter().for_each(|frame| device.handle_rx(now, frame));
+                device.handle_timeout(now);
+                std::iter::from_fn(|| device.poll_tx()).collect()
+            }
+            Self::Vesc(device, status) => {
+                received.iter().for_each(|frame| device.handle_rx(now, frame));
+                device.handle_timeout(now);
+                let status = status.filter(|_| sends_status);
+                // CAN_PACKET_STATUS.
+                let status = status.and_then(|id| Frame::new(Id::Extended(9 << 8 | u32::from(id)), &[0; 8]));
+                std::iter::from_fn(|| device.poll_tx()).chain(status).collect()
+            }
+        }
+    }
+}
+
 /// Nodes on a UDP bus, until dropped: an EPOS as node 5, an IclA as node 9, which has no heartbeat, and one without id.
 struct Bus {
     port: u16,
@@ -56,6 +94,10 @@ impl Bus {
     }
 
     fn of(nodes: fn() -> Vec<Node>) -> Self {
+        Self::with(nodes, Vec::new)
+    }
+
+    fn with(nodes: fn() -> Vec<Node>, controllers: fn() -> Vec<Controller>) -> Self {
         let port = can_port();
         let folder = std::env::temp_dir().join(format!("advee-can-{}-{port}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
@@ -67,10 +109,21 @@ impl Bus {
             port.device.open().unwrap();
             let mut nodes = nodes();
             nodes.iter_mut().for_each(|node| node.power_on(clock::now()));
+            let (mut controllers, mut status_at) = (controllers(), clock::now());
             while !stopped.load(Ordering::Relaxed) {
-                serve(&mut port, &mut nodes);
+                let received = serve(&mut port, &mut nodes);
+                let now = clock::now();
+                let sends_status = now >= status_at;
+                if sends_status {
+                    status_at = now + Duration::from_millis(20);
+                }
+                for controller in &mut controllers {
+                    for frame in controller.serve(now, &received, sends_status) {
+                        let _ = port.device.send(now, &ToPort::Can(frame));
+                    }
+                }
                 let booted = |node: &Node| node.nmt_state() == Some(NmtState::PreOperational);
-                open.fetch_or(booted(&nodes[0]) && booted(&nodes[1]), Ordering::Relaxed);
+                open.fetch_or(nodes.iter().take(2).all(booted), Ordering::Relaxed);
                 sleep(std::time::Duration::from_micros(100));
             }
         });
@@ -104,10 +157,13 @@ impl Drop for Bus {
     }
 }
 
-fn serve(port: &mut Port, nodes: &mut [Node]) {
+/// Returns what was received.
+fn serve(port: &mut Port, nodes: &mut [Node]) -> Vec<Frame> {
     let now: Instant = clock::now();
+    let mut received = Vec::new();
     while let Ok(Received::Input { input: Input::Can { frame, .. }, .. }) = port.device.receive(now) {
         nodes.iter_mut().for_each(|node| node.handle_rx(now, &frame));
+        received.push(frame);
     }
     for node in nodes {
         node.handle_timeout(now);
@@ -116,6 +172,36 @@ fn serve(port: &mut Port, nodes: &mut [Node]) {
             let _ = port.device.send(now, &ToPort::Can(frame));
         }
     }
+    received
+}
+
+#[test]
+fn identify_finds_odrives_and_vescs() {
+    let has = |told: &str, lines: &str| assert!(told.contains(lines), "{lines}\n\n{told}");
+    let bus = Bus::with(Vec::new, || vec![Controller::odrive(1), Controller::vesc(2, false)]);
+    let folder = Path::new(&bus.folder).join("none");
+    let config = ["--config", folder.to_str().unwrap()];
+    let told = bus.run(&[&["identify"], &config[..]].concat()).good();
+    has(&told, "# 2 nodes answer on udp:239.74.163.2:");
+    has(&told, "# ODrive 1: hardware 4.4.58, firmware 0.6.10\n[[can.main.nodes]]\nid = 1\naxis = \"left\" ");
+    has(&told, "driver = \"odrive\"\ngear = 1                       # ? turns of the motor per turn of the wheel");
+    has(&told, "hardware = \"4.4.58\"\nfirmware = \"0.6.10\"\n# Two keys are missing");
+    has(&told, ", firmware 6.5\n[[can.main.nodes]]\nid = 2\naxis = \"right\" ");
+    has(&told, "driver = \"vesc\"\ngear = 1 ");
+    has(&told, "pole_pairs = 7 ");
+
+    // Beside nodes of CANopen: those that send cyclically.
+    let bus =
+        Bus::with(nodes, || vec![Controller::odrive(10), Controller::vesc(20, true), Controller::vesc(21, false)]);
+    let told = bus.run(&["identify"]).good();
+    has(&told, "# 4 nodes answer on ");
+    has(&told, "# ODrive 10: hardware 4.4.58, firmware 0.6.10\n# The robot has no further wheel.");
+    has(&told, "# VESC 20: ");
+    assert!(!told.contains("VESC 21"), "{told}");
+
+    let bus = Bus::with(Vec::new, Vec::new);
+    let nobody = bus.run(&["identify", "--from", "20", "--to", "22", "--timeout", "20"]).bad();
+    has(&nobody, "nobody answers");
 }
 
 #[test]

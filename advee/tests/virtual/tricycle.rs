@@ -13,13 +13,20 @@ struct Base {
     wheelbase: f64,
     /// The driven wheel is steered, too: it rolls on the longer curve.
     driven_front: bool,
+    /// Place of a driven wheel of the fixed axle, to the left of its middle, m.
+    driven_left: f64,
 }
 
-const TUG: Base = Base { name: "tug", lines: &[], wheelbase: 0.8, driven_front: true };
+const TUG: Base = Base { name: "tug", lines: &[], wheelbase: 0.8, driven_front: true, driven_left: 0.0 };
 /// The fixed axle is driven, and the steered wheel rolls: a tricycle, a bicycle, and two front wheels by Ackermann are
 /// the same to the driver.
-const REAR_DRIVEN: Base =
-    Base { name: "rear-driven", lines: &[(DRIVEN, "driven = \"rear\"")], wheelbase: 0.8, driven_front: false };
+const REAR_DRIVEN: Base = Base {
+    name: "rear-driven",
+    lines: &[(DRIVEN, "driven = \"rear\"")],
+    wheelbase: 0.8,
+    driven_front: false,
+    driven_left: 0.0,
+};
 /// The steered wheel, which is driven, is behind the fixed axle, as of a fork-lift truck: the body lies to the other
 /// side of the axle, and the steering turns the other way.
 const REAR_STEERED: Base = Base {
@@ -27,6 +34,7 @@ const REAR_STEERED: Base = Base {
     lines: &[("rear_overhang_m = 0.15", "rear_overhang_m = 0.95")],
     wheelbase: 0.8,
     driven_front: true,
+    driven_left: 0.0,
 };
 /// The same, longer, with a driven front axle.
 const LONG_REAR_STEERED: Base = Base {
@@ -39,15 +47,37 @@ const LONG_REAR_STEERED: Base = Base {
     ],
     wheelbase: 1.1,
     driven_front: false,
+    driven_left: 0.0,
+};
+/// The fork-lift truck by its name.
+const FORK_LIFT: Base = Base {
+    name: "fork-lift",
+    lines: &[
+        (DRIVEN, "\n[base]\nkind = \"tricycle\"\nsteered = \"rear\"\ndriven = \"steered\""),
+        ("rear_overhang_m = 0.15", "rear_overhang_m = 0.95"),
+    ],
+    wheelbase: 0.8,
+    driven_front: true,
+    driven_left: 0.0,
+};
+/// Only the left wheel of the fixed axle is driven.
+const LEFT_DRIVEN: Base = Base {
+    name: "left-driven",
+    lines: &[(DRIVEN, "\n[base]\nkind = \"tricycle\"\ndriven_left_m = 0.25")],
+    wheelbase: 0.8,
+    driven_front: false,
+    driven_left: 0.25,
 };
 const DRIVEN: &str = "driven = \"front\"";
-const BASES: [Base; 4] = [TUG, REAR_DRIVEN, REAR_STEERED, LONG_REAR_STEERED];
+const BASES: [Base; 6] = [TUG, REAR_DRIVEN, REAR_STEERED, LONG_REAR_STEERED, FORK_LIFT, LEFT_DRIVEN];
 
 #[derive(Default)]
 struct Observed {
     truth: messages::simulation::DataTruth,
     estimate: middlelevel::DataEstimate,
     velocity: lowlevel::DataVelocity,
+    /// Measured speed of the driven tread, m/s.
+    tread: f64,
     /// Errors, and when they were reported.
     errors: Vec<(Instant, String)>,
     /// Greatest true speed, m/s.
@@ -106,6 +136,10 @@ fn robot_on(base: Base, sets: &[&str]) -> (Robot, Rc<RefCell<Observed>>) {
                     keep.borrow_mut().errors.push((now, error.message.clone()));
                 }
                 Message::MlDataEstimate(estimate) => keep.borrow_mut().estimate = estimate.clone(),
+                Message::LlDataAxes(axes) => {
+                    let propulsion = axes.axes.iter().find(|axis| axis.name == "propulsion");
+                    keep.borrow_mut().tread = propulsion.map_or(f64::NAN, |axis| axis.velocity);
+                }
                 Message::LlDataVelocity(velocity) => keep.borrow_mut().velocity = velocity.clone(),
                 _ => {}
             }
@@ -126,12 +160,15 @@ fn drives_the_commanded_curves_and_knows_where_it_is(base: Base) {
     for (speed, steering) in [(0.3, 0.0), (0.3, 0.5), (-0.3, 0.5), (0.25, -0.6), (-0.3, -0.3)] {
         robot.drive_anew(speed, steering, 8.0);
         robot.pass(7.5);
-        let Observed { truth, velocity, .. } = &*news.borrow();
+        let Observed { truth, velocity, tread, .. } = &*news.borrow();
         // Half of the play of the steering is 0.25 degrees.
         let name = base.name;
         assert!((truth.speed - speed).abs() < 0.01 && (truth.steering - steering).abs() < 0.006, "{name}: {truth:?}");
         let omega = speed * f64::tan(steering) / base.wheelbase;
         assert!((velocity.vx - speed).abs() < 0.02 && (velocity.omega - omega).abs() < 0.02, "{name}: {velocity:?}");
+        // The robot turns to the left by a positive angle while it goes forward, whichever end steers.
+        let rolls = if base.driven_front { speed / steering.cos() } else { speed - omega * base.driven_left };
+        assert!((tread - rolls).abs() < 0.02, "{name}: {tread} m/s, {rolls} expected, {truth:?}");
     }
     robot.pass(3.0);
     let Observed { truth, estimate, .. } = &*news.borrow();

@@ -1,8 +1,10 @@
 //! `advee can identify`: the drives on a bus, as the lines of `robot.toml` by which they are driven.
 //!
 //! A drive is known by its identity (0x1018): from the data sheets in the configuration folder and those that are
-//! given, else from the built-in tables. What nobody but a person knows is marked by a question mark.
+//! given, else from the built-in tables. ODrives and VESCs, which are no nodes of CANopen, are known by their versions.
+//! What nobody but a person knows is marked by a question mark.
 
+use super::controllers::{Controller, Kind};
 use super::scan::{Asked, Row};
 use super::target::{Target, Where};
 use crate::{Common, Failed, Outcome, print};
@@ -65,10 +67,9 @@ const STEERING_RAD: f64 = 0.8;
 pub fn identify(common: &Common, command: &Identify) -> Outcome {
     let target = command.place.find(common)?;
     let sheets = sheets(&common.config_dir(), &command.sheets)?;
-    let rows = command.asked.nodes(&target)?;
-    print(
-        text(&target, &axes(common), &rows.iter().map(|(id, row)| (*id, row)).collect::<Vec<_>>(), &sheets).trim_end(),
-    )?;
+    let (rows, others) = command.asked.everybody(&target)?;
+    let rows: Vec<_> = rows.iter().map(|(id, row)| (*id, row)).collect();
+    print(text(&target, &axes(common), (&rows, &others), &sheets).trim_end())?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -169,11 +170,17 @@ impl Driver<'_> {
 }
 
 /// What a person reads, and pastes.
-fn text(target: &Target, axes: &[&'static str], rows: &[(u8, &Row)], sheets: &[Sheet]) -> String {
+fn text(
+    target: &Target,
+    axes: &[&'static str],
+    (rows, others): (&[(u8, &Row)], &[Controller]),
+    sheets: &[Sheet],
+) -> String {
     // An interface that is no bus of the configuration becomes its first one.
     let bus = if target.name.starts_with("can.") { target.name.as_str() } else { "can.main" };
     let mut lines = Lines { text: String::new(), bus };
-    let count = if rows.len() == 1 { "1 node answers".into() } else { format!("{} nodes answer", rows.len()) };
+    let count = rows.len() + others.len();
+    let count = if count == 1 { "1 node answers".into() } else { format!("{count} nodes answer") };
     lines.remark(&format!("{count} on {}. Check the lines with a question mark.", target.name));
     lines.blank();
     lines.add(&format!("[{}]", lines.bus), "");
@@ -203,12 +210,49 @@ fn text(target: &Target, axes: &[&'static str], rows: &[(u8, &Row)], sheets: &[S
             Driver::Sheet(sheet) => by_sheet(&mut lines, *node, (axis, check), sheet),
             Driver::BuiltIn(name) => {
                 lines.node(*node, (axis, check), name);
-                lines.add("gear = 1", "? turns of the motor per turn of the wheel; negative: the other way round");
+                lines.gear();
                 if axis == STEERING {
                     lines.steering();
                 }
             }
             Driver::Unknown | Driver::Nameless | Driver::NoDrive(_) => {}
+        }
+    }
+    for Controller { id, kind } in others {
+        lines.blank();
+        let check = "? turn it by hand, and see whose position changes";
+        match kind {
+            Kind::Odrive(version) => {
+                let [hardware, firmware] =
+                    [version.hardware, version.firmware].map(|[major, minor, last]| format!("{major}.{minor}.{last}"));
+                lines.remark(&format!("ODrive {id}: hardware {hardware}, firmware {firmware}"));
+                if *id == 0 {
+                    lines.remark("Its node id is 0, which is not driven: set axis0.config.can.node_id to 1 or more.");
+                    continue;
+                }
+                let Some(axis) = free.next().filter(|axis| **axis != STEERING) else {
+                    lines.remark("The robot has no further wheel.");
+                    continue;
+                };
+                lines.node(*id, (axis, check), "odrive");
+                lines.gear();
+                lines.add(&format!("hardware = \"{hardware}\""), "");
+                lines.add(&format!("firmware = \"{firmware}\""), "");
+                // A wrong number would name another parameter of the device.
+                lines.remark("Two keys are missing, endpoints from flat_endpoints.json of this hardware and firmware:");
+                lines.remark("enable_watchdog = ? axis0.config.enable_watchdog");
+                lines.remark("watchdog_timeout = ? axis0.config.watchdog_timeout");
+            }
+            Kind::Vesc { firmware: [major, minor], hardware } => {
+                lines.remark(&format!("VESC {id}: {}, firmware {major}.{minor}", clean(hardware)));
+                let Some(axis) = free.next().filter(|axis| **axis != STEERING) else {
+                    lines.remark("The robot has no further wheel.");
+                    continue;
+                };
+                lines.node(*id, (axis, check), "vesc");
+                lines.gear();
+                lines.add("pole_pairs = 7", "? pairs of poles of the motor");
+            }
         }
     }
     lines.text
@@ -234,7 +278,7 @@ fn by_sheet(lines: &mut Lines<'_>, node: u8, axis: (&str, &str), sheet: &Sheet) 
     };
     lines.add(&format!("eds = {}", quoted(&sheet.name())), &beside);
     match gear {
-        Some(_) => lines.add("gear = 1", "? turns of the motor per turn of the wheel; negative: the other way round"),
+        Some(_) => lines.gear(),
         None => lines.remark("gear: by 0x6091 of the sheet; mounted the other way round it needs a negative one here"),
     }
     if unit.is_some() {
@@ -333,6 +377,10 @@ impl Lines<'_> {
         self.add(&format!("id = {node}"), "");
         self.add(&format!("axis = {}", quoted(axis)), check);
         self.add(&format!("driver = \"{driver}\""), "");
+    }
+
+    fn gear(&mut self) {
+        self.add("gear = 1", "? turns of the motor per turn of the wheel; negative: the other way round");
     }
 
     /// What a steering needs beside that.

@@ -1,6 +1,7 @@
 //! `advee can scan`: every node id is asked who is there.
 
 use super::access::{Access, Ended, Job};
+use super::controllers::{self, Controller};
 use super::decode::state_name;
 use super::target::{Target, Where};
 use super::value;
@@ -80,10 +81,19 @@ impl Asked {
         Ok(Answers { access, rows, interrupted })
     }
 
-    /// Asks who is there. Fails if nobody is, or when it is interrupted.
-    pub fn nodes(&self, target: &Target) -> Result<BTreeMap<u8, Row>, Failed> {
-        let Answers { rows, interrupted, .. } = self.ask(target)?;
-        ended(target, interrupted, rows.len()).map(|()| rows)
+    /// Asks who is there, and then who is there beside CANopen, unless a module holds the bus. Fails if nobody is, or
+    /// when it is interrupted.
+    pub fn everybody(&self, target: &Target) -> Result<(BTreeMap<u8, Row>, Vec<Controller>), Failed> {
+        let Answers { rows, interrupted, access } = self.ask(target)?;
+        let is_free = access.held.is_none() && !interrupted;
+        // A serial device is for one user at a time.
+        drop(access);
+        let others = match is_free {
+            true => controllers::find(target, &(self.from..=self.to), rows.is_empty())?,
+            false => Vec::new(),
+        };
+        ended(target, interrupted, rows.len() + others.len())?;
+        Ok((rows, others))
     }
 }
 
@@ -119,7 +129,8 @@ fn ended(target: &Target, interrupted: bool, answered: usize) -> Result<(), Fail
         (false, 0) => {
             let what = format!("{}: nobody answers", target.name);
             let look = "power, wires, termination and bit rate are what to look at";
-            let others = "an ODrive or a VESC is no node of CANopen (docs/motor-controllers.md)";
+            let others = "ODrives and VESCs are found by identify, while no module holds the bus \
+                          (docs/motor-controllers.md)";
             Err(format!("{what}: {look}; {others}").into())
         }
         _ => Ok(()),

@@ -21,7 +21,7 @@ use host::sys::ClockState;
 use lcm::url::{Interface as Choice, Udpm};
 use robot::config::{CanBus, ConfigError, Gamepad, Rs485Bus};
 use settings::Section;
-use settings::robot::{DrivenAxle, Geometry, Limits};
+use settings::robot::{DrivenAxle, Geometry, Limits, Steered};
 use std::collections::BTreeSet;
 use std::fs;
 use std::net::Ipv4Addr;
@@ -474,7 +474,8 @@ const GEOMETRY: Geometry = Geometry {
     rear_overhang_m: Some(0.15),
     footprint_m: None,
     ticks_per_turn: 4000,
-    driven: DrivenAxle::Rear,
+    driven: DrivenAxle::Fixed,
+    steered: Steered::FRONT,
 };
 
 const LIMITS: Limits = Limits {

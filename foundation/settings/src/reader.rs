@@ -124,6 +124,12 @@ impl<'a> Table<'a> {
         self.map.get(key).is_some_and(|node| !self.problems.has(&node.origin, &self.name(key)))
     }
 
+    /// True if the value of the key is from the command line, not from a file.
+    #[must_use]
+    pub fn is_set(&self, key: &str) -> bool {
+        self.map.get(key).is_some_and(|node| node.origin == Origin::CommandLine)
+    }
+
     /// Rejects the value of `key` as not `expected`; no effect if the key is absent.
     pub fn refuse(&self, key: &str, expected: impl Display) {
         if let Some(entry) = self.entry(key) {

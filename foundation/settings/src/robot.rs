@@ -1,7 +1,7 @@
 //! Sections that several modules share: measures and limits of the robot, beacons of where it drives.
 //!
-//! The robot's frame: origin on the floor under the middle of the rear axle, x forward, y to the left, angles
-//! counter-clockwise.
+//! The robot's frame: origin on the floor under the middle of the axle that does not steer, the rear one unless
+//! `[base]` gives another, x forward, y to the left, angles counter-clockwise.
 
 use crate::footprint::{Footprint, Outline};
 use crate::{Rule, Table, settings};
@@ -18,7 +18,7 @@ settings! {
     /// a convex polygon, `footprint_m`.
     #[derive(Clone, Copy, Debug, PartialEq)]
     pub struct Geometry {
-        /// Rear axle to front axle.
+        /// Rear axle to front axle; of a base that steers: fixed to steered axle, whichever is in front.
         wheelbase_m: f64 = required, 0.05..=5.0;
         /// Distance of the front wheels.
         track_m: f64 = required, 0.05..=5.0;
@@ -35,34 +35,87 @@ settings! {
         footprint_m: Option<Footprint> = optional, Outline;
         /// Counts of a front wheel's encoder per turn.
         ticks_per_turn: u32 = required, 1..=1_000_000;
-        /// What the propulsion of a base that steers drives.
-        driven: DrivenAxle = DrivenAxle::Rear;
+        /// What the propulsion of a robot without `[base]` drives.
+        driven: DrivenAxle = DrivenAxle::Fixed;
+        /// Wheels of a base that steers, by `[base]`.
+        steered: Steered = unset Steered::FRONT;
     }
     check Geometry::check;
 }
 
 settings! {
-    /// DrivenAxle wheels of a base that steers.
+    /// Driven wheels of a base that steers.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     pub enum DrivenAxle {
-        /// The rear axle.
+        /// The axle that does not steer.
         #[default]
-        Rear = "rear",
-        /// The single front wheel, which is steered too: a tricycle. Its drive measures the speed of its tread, which
-        /// `limits.speed_mps` bounds as well.
-        Front = "front",
+        Fixed = "rear",
+        /// The single steered wheel: a tricycle. Its drive measures the speed of its tread, which `limits.speed_mps`
+        /// bounds as well.
+        Steered = "front",
     }
 }
 
-impl DrivenAxle {
-    /// Speed of the driven tread per speed of the rear axle's middle, at this angle of the (equivalent) front wheel,
-    /// rad.
+/// Wheels of a base that steers, beside their distances in [`Geometry`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Steered {
+    /// A single steered wheel, not two.
+    pub one_steered: bool,
+    /// A single wheel on the fixed axle, not two.
+    pub one_fixed: bool,
+    /// Where the steered wheels are, seen from the fixed axle.
+    pub end: End,
+    /// Place of the driven wheel of the fixed axle to the left of its middle, m; 0: the axle is driven as a whole.
+    pub driven_left_m: f64,
+}
+
+impl Steered {
+    /// Two fixed wheels behind two steered ones.
+    pub const FRONT: Self = Self { one_steered: false, one_fixed: false, end: End::Front, driven_left_m: 0.0 };
+}
+
+/// What the propulsion of a base that steers turns: gives the speed of its tread by that of the fixed axle's middle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Traction {
+    /// The fixed axle, or one of its wheels.
+    Fixed {
+        /// Place of the wheel to the left of the axle's middle, divided by the wheelbase; 0: the axle as a whole.
+        left: f64,
+    },
+    /// The single steered wheel.
+    Steered,
+}
+
+/// Least ratio of [`Traction::tread_ratio`]: a wheel nearer to the centre of the turn hardly measures the speed.
+const TREAD_RATIO_MIN: f64 = 0.2;
+
+impl Traction {
+    /// Speed of the driven tread per speed of the fixed axle's middle, at this angle of the equivalent single steered
+    /// wheel, rad, positive to the left; at least 0.2 for a wheel of the fixed axle. NaN for NaN, except of an axle
+    /// that is driven as a whole, whose ratio is 1.
     #[must_use]
     pub fn tread_ratio(self, steering_rad: f64) -> f64 {
         match self {
-            Self::Rear => 1.0,
-            Self::Front => 1.0 / libm::cos(steering_rad),
+            Self::Fixed { left: 0.0 } => 1.0,
+            Self::Fixed { left } => {
+                let ratio = 1.0 - libm::tan(steering_rad) * left;
+                // Not `max`, which would make a number of NaN.
+                if ratio < TREAD_RATIO_MIN { TREAD_RATIO_MIN } else { ratio }
+            }
+            Self::Steered => 1.0 / libm::cos(steering_rad),
         }
+    }
+
+    /// The greatest ratio at angles up to this one either way, rad.
+    #[must_use]
+    pub fn greatest_ratio(self, steering_rad: f64) -> f64 {
+        self.tread_ratio(steering_rad).max(self.tread_ratio(-steering_rad))
+    }
+
+    /// True if the speed of the fixed axle's middle is known without the steering's angle.
+    #[must_use]
+    pub fn is_the_axle(self) -> bool {
+        self == Self::Fixed { left: 0.0 }
     }
 }
 
@@ -98,11 +151,12 @@ settings! {
 }
 
 settings! {
-    /// `[base]`: a base that does not steer; the robot's frame has its origin in the middle of the wheels. Absent: a
-    /// driven rear axle and steered front wheels, by `[geometry]`.
+    /// `[base]`: kind of the base, and the places of its wheels. The robot's frame has its origin in the middle of the
+    /// wheels; of a base that steers in the middle of its fixed axle. Absent: a driven rear axle and steered front
+    /// wheels, by `[geometry]`.
     #[derive(Clone, Copy, Debug, PartialEq)]
-    pub struct Base {
-        layout: Layout = flat;
+    pub struct BaseKeys {
+        kind: BaseKind = flat;
         /// Part of the rated torque of its motor by which a wheel may work against the others, of a base with more
         /// wheels than motions (mecanum, skid-steer, four or more omni wheels) whose drives report their torque (0x6077
         /// in a TPDO); more than that for 0.15 s stops the robot.
@@ -111,18 +165,146 @@ settings! {
 }
 
 settings! {
-    /// Wheels of a base that does not steer, each with a drive of its own.
+    /// Wheels of a base.
     #[derive(Clone, Copy, Debug, PartialEq)]
-    pub enum Layout by kind {
+    pub enum BaseKind by kind {
         /// Two wheels on one axle, or two rows of wheels or tracks with one drive each. Axes `left`, `right`.
         Differential(Differential) = "differential",
         /// Two axles of two wheels that are dragged sideways in turns. Axes `front_left`, `front_right`, `rear_left`,
         /// `rear_right`.
         SkidSteer(Rectangle) = "skid-steer",
+        /// The same as `"skid-steer"`.
+        Skid(Rectangle) = "skid",
         /// Four mecanum wheels, whose rollers seen from above form an X. Axes as of `"skid-steer"`.
         Mecanum(Rectangle) = "mecanum",
         /// Omni wheels evenly on a circle, each rolling along it counter-clockwise. Axes `wheel_1` and so on.
         Omni(Circle) = "omni",
+        /// A single steered wheel and a fixed axle, `geometry.wheelbase_m` apart. Axes `propulsion`, `steering`.
+        Tricycle(Tricycle) = "tricycle",
+        /// Two steered wheels with one linkage and a driven fixed axle. Axes as of `"tricycle"`.
+        Ackermann(Ackermann) = "ackermann",
+        /// A single wheel on the fixed axle and a single steered one. Axes as of `"tricycle"`.
+        Bicycle(Bicycle) = "bicycle",
+    }
+}
+
+settings! {
+    /// Where the steered wheels are.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    pub enum End {
+        /// In front of the fixed axle.
+        #[default]
+        Front = "front",
+        /// Behind it, as of a fork-lift truck.
+        Rear = "rear",
+    }
+}
+
+settings! {
+    /// What the propulsion drives.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    pub enum Driven {
+        /// The axle that does not steer, or one wheel of it.
+        #[default]
+        Fixed = "fixed",
+        /// The steered wheel.
+        Steered = "steered",
+    }
+}
+
+settings! {
+    /// Wheels of a tricycle.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Tricycle {
+        /// End of the base at which the steered wheel is.
+        steered: End = End::Front;
+        /// What the propulsion drives. Of the steered wheel the drive measures the speed of its tread, which
+        /// `limits.speed_mps` bounds as well.
+        driven: Driven = Driven::Fixed;
+        /// Place of the driven wheel to the left of the middle of the fixed axle; 0: both wheels are driven through a
+        /// differential gear.
+        driven_left_m: f64 = 0.0, -5.0..=5.0;
+    }
+}
+
+settings! {
+    /// Wheels of a base with two steered ones.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Ackermann {
+        /// End of the base at which the steered wheels are.
+        steered: End = End::Front;
+        /// Place of the driven wheel to the left of the middle of the fixed axle; 0: both wheels are driven through a
+        /// differential gear.
+        driven_left_m: f64 = 0.0, -5.0..=5.0;
+    }
+}
+
+settings! {
+    /// Wheels of a bicycle.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Bicycle {
+        /// End of the base at which the steered wheel is.
+        steered: End = End::Front;
+        /// What the propulsion drives. Of the steered wheel the drive measures the speed of its tread, which
+        /// `limits.speed_mps` bounds as well.
+        driven: Driven = Driven::Fixed;
+    }
+}
+
+/// A base that does not steer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Base {
+    /// Its wheels, each with a drive of its own.
+    pub layout: Layout,
+    /// Part of a motor's rated torque by which a wheel may work against the others.
+    pub strain: f64,
+}
+
+/// Wheels of a base that does not steer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Layout {
+    /// Two wheels or rows of wheels.
+    Differential(Differential),
+    /// Two axles of two wheels that are dragged sideways in turns.
+    SkidSteer(Rectangle),
+    /// Four mecanum wheels.
+    Mecanum(Rectangle),
+    /// Omni wheels on a circle.
+    Omni(Circle),
+}
+
+impl BaseKeys {
+    /// The base; absent if it steers.
+    #[must_use]
+    pub fn base(&self) -> Option<Base> {
+        let layout = match self.kind {
+            BaseKind::Differential(places) => Layout::Differential(places),
+            BaseKind::SkidSteer(places) | BaseKind::Skid(places) => Layout::SkidSteer(places),
+            BaseKind::Mecanum(places) => Layout::Mecanum(places),
+            BaseKind::Omni(places) => Layout::Omni(places),
+            BaseKind::Tricycle(_) | BaseKind::Ackermann(_) | BaseKind::Bicycle(_) => return None,
+        };
+        Some(Base { layout, strain: self.strain })
+    }
+
+    /// The measures of the robot with the wheels of a base that steers; those of any other base are unchanged.
+    #[must_use]
+    pub fn measures(&self, geometry: Geometry) -> Geometry {
+        let (one_steered, one_fixed, end, driven, driven_left_m) = match self.kind {
+            BaseKind::Tricycle(Tricycle { steered, driven, driven_left_m }) => {
+                (true, false, steered, driven, driven_left_m)
+            }
+            BaseKind::Ackermann(Ackermann { steered, driven_left_m }) => {
+                (false, false, steered, Driven::Fixed, driven_left_m)
+            }
+            BaseKind::Bicycle(Bicycle { steered, driven }) => (true, true, steered, driven, 0.0),
+            _ => return geometry,
+        };
+        let driven = match driven {
+            Driven::Fixed => DrivenAxle::Fixed,
+            Driven::Steered => DrivenAxle::Steered,
+        };
+        Geometry { driven, steered: Steered { one_steered, one_fixed, end, driven_left_m }, ..geometry }
     }
 }
 
@@ -243,17 +425,21 @@ impl Geometry {
         }
     }
 
-    /// Contact points of the wheels of a base that steers, m. One whose steered wheels are behind the axle has them as
-    /// far behind it.
+    /// Contact points of the wheels of a base that steers, m. Of one without `[base]` the steered wheels may be as far
+    /// behind the axle as `wheelbase_m` is ahead of it.
     fn contacts(&self) -> Vec<Point> {
+        let Steered { one_steered, one_fixed, end, driven_left_m } = self.steered;
         let half = self.track_m / 2.0;
-        let steered: &[f64] = if self.driven == DrivenAxle::Front { &[0.0] } else { &[half, -half] };
-        let pair = |x: f64| steered.iter().map(move |&y| Point { x, y });
-        let ahead: Vec<Point> = pair(self.wheelbase_m).collect();
-        let behind = || pair(-self.wheelbase_m);
-        let within = |contact: Point| self.outside(contact) <= ROUNDING_M;
-        let steered = if behind().all(within) { behind().collect() } else { ahead };
-        [half, -half].map(|y| Point { x: 0.0, y }).into_iter().chain(steered).collect()
+        let axle = |one: bool, x: f64| {
+            let places: &[f64] = if one { &[0.0] } else { &[half, -half] };
+            places.iter().map(|&y| Point { x, y }).collect::<Vec<_>>()
+        };
+        let one = one_steered || self.driven == DrivenAxle::Steered;
+        let (ahead, behind) = (axle(one, self.wheelbase_m), axle(one, -self.wheelbase_m));
+        let within = |contact: &Point| self.outside(*contact) <= ROUNDING_M;
+        let steered = if end == End::Rear || behind.iter().all(within) { behind } else { ahead };
+        let driven = Point { x: 0.0, y: driven_left_m };
+        axle(one_fixed, 0.0).into_iter().chain([driven]).chain(steered).collect()
     }
 
     /// Distance of a point from the outline's edges, m: at most its distance; negative within.
@@ -317,6 +503,22 @@ impl Geometry {
     pub fn reach_m(&self) -> f64 {
         let rectangle = || self.front_m().max(self.rear_m()).hypot(self.width_m() / 2.0);
         self.footprint().map_or_else(rectangle, Shape::radius)
+    }
+
+    /// What the propulsion of a base that steers turns.
+    #[must_use]
+    pub fn traction(&self) -> Traction {
+        match self.driven {
+            DrivenAxle::Fixed => Traction::Fixed { left: self.steered.driven_left_m / self.wheelbase_m },
+            DrivenAxle::Steered => Traction::Steered,
+        }
+    }
+
+    /// Greatest distance of a driven wheel from the middle of the fixed axle, m, at which it turns in the narrowest
+    /// curve at a fifth of the robot's speed or more.
+    #[must_use]
+    pub fn driven_left_max_m(&self, limits: &Limits) -> f64 {
+        (1.0 - TREAD_RATIO_MIN) * self.wheelbase_m / libm::tan(limits.steering_rad)
     }
 
     /// Distance driven in one turn of a wheel, m.

@@ -95,6 +95,15 @@ impl Node {
         if problems.is_empty() { Ok(root) } else { Err(problems.into_iter().map(one_line).collect()) }
     }
 
+    /// Value of a key of this table; `None` without one, and of what is no table.
+    #[must_use]
+    pub fn below(&self, key: &str) -> Option<&Self> {
+        match &self.value {
+            Value::Table(map) => map.get(key),
+            _ => None,
+        }
+    }
+
     /// Merges `over` into this: tables key by key, everything else is replaced.
     pub fn merge(&mut self, over: Self) {
         match (&mut self.value, over.value) {

@@ -86,7 +86,6 @@ use readback::{Found, Readback};
 use release::Releases;
 use requests::{NodeOwner, Requests};
 use second_way::StopWatch;
-use settings::robot::DrivenAxle;
 use steering::Steering;
 use strain::StrainWatch;
 use surroundings::Surroundings;
@@ -319,10 +318,13 @@ impl Canbus {
         self.body.velocity(&self.wheels.measured(), self.angle())
     }
 
-    /// Measured speed forward, m/s; 0 if unknown. That of a driven rear axle is known without the steering's angle.
+    /// Measured speed forward, m/s; 0 if unknown. That of a fixed axle that is driven as a whole is known without the
+    /// steering's angle.
     fn speed(&self) -> f64 {
-        let speed = match (&self.steering, self.config.driven) {
-            (Some(_), DrivenAxle::Rear) => self.wheels.measured().first().map_or(f64::NAN, |axle| axle.speed_mps),
+        let speed = match &self.steering {
+            Some(_) if self.config.traction.is_the_axle() => {
+                self.wheels.measured().first().map_or(f64::NAN, |axle| axle.speed_mps)
+            }
             _ => self.measured().twist.vx,
         };
         if speed.is_nan() { 0.0 } else { speed }

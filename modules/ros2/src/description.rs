@@ -42,15 +42,16 @@ pub struct Wheel {
 pub struct Steering {
     /// Axis in `LL_DATA_AXES`.
     pub axis: String,
-    /// Distance of the wheel from the axle that does not steer, m.
-    pub wheelbase: f64,
+    /// Place of the wheel forward of the axle that does not steer, m; below zero: behind it.
+    pub x: f64,
 }
 
 impl Steering {
-    /// Angle of the wheel, rad, to the left of the robot's middle by `y`, m: all axles meet in one point.
+    /// Angle of the wheel, rad, to the left of the robot's middle by `y`, m: all axles meet in one point. Behind the
+    /// fixed axle it is turned to the right for a curve to the left.
     fn angle(&self, equivalent: f64, y: f64) -> f64 {
         let (sin, cos) = libm::sincos(equivalent);
-        libm::atan2(self.wheelbase * sin, self.wheelbase * cos - y * sin)
+        libm::atan2(self.x * sin, self.x.abs() * cos - y * sin)
     }
 }
 
@@ -213,7 +214,7 @@ mod tests {
     use std::f64::consts::PI;
 
     fn wheel(name: &str, y: f64, steered: bool) -> Wheel {
-        let steering = steered.then(|| Steering { axis: "steering".into(), wheelbase: 0.6 });
+        let steering = steered.then(|| Steering { axis: "steering".into(), x: 0.6 });
         let axis = (!steered).then(|| "propulsion".to_owned());
         Wheel { name: name.into(), place: Pose { x: if steered { 0.6 } else { 0.0 }, y, theta: 0.0 }, axis, steering }
     }

@@ -13,7 +13,7 @@ use crate::world::World;
 use base::Duration;
 use kinematics::{Chassis, Shape, Twist, WHEELS_MAX, integrate};
 use navitools::{Ackermann, Motion, Pose};
-use settings::robot::{DrivenAxle, Geometry};
+use settings::robot::{Geometry, Traction};
 use wheels::Wheels;
 
 /// The step of the integration.
@@ -66,7 +66,7 @@ pub struct Parameters {
     /// Counts of an encoder per wheel turn.
     pub encoder_counts: f64,
     /// What the motor of a base that steers drives.
-    pub driven: DrivenAxle,
+    pub traction: Traction,
     /// Deviations from these, also from run to run.
     pub errors: Errors,
 }
@@ -118,7 +118,7 @@ impl Default for Parameters {
             steering_lag: 0.10,
             steering_play: 0.5f64.to_radians(),
             encoder_counts: 4096.0,
-            driven: DrivenAxle::Rear,
+            traction: Traction::Fixed { left: 0.0 },
             errors: Errors::default(),
         }
     }
@@ -137,7 +137,7 @@ impl Parameters {
             shape: geometry.footprint().copied(),
             wheel_radius: geometry.wheel_radius_m,
             encoder_counts: f64::from(geometry.ticks_per_turn),
-            driven: geometry.driven,
+            traction: geometry.traction(),
             ..Self::default()
         }
     }
@@ -164,7 +164,7 @@ impl Parameters {
 /// Demand of the drives.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Demand {
-    /// Speed of the tread of each driven wheel, m/s; of a base that steers the first: that of its driven axle or front
+    /// Speed of the tread of each driven wheel, m/s; of a base that steers the first: that of its driven axle or
     /// wheel over ground. `None` with the power stage off: it coasts.
     pub wheels: [Option<f64>; WHEELS_MAX],
     /// Angle of the steering drive's output, rad; none with the power stage off: the gear holds it.
@@ -485,7 +485,7 @@ impl Body {
             self.steering.1 = wheels;
             self.curvature = self.geometry.curvature(wheels);
             self.hub_ratios = self.geometry.hub_ratios(self.curvature);
-            self.tread_ratio = p.driven.tread_ratio(wheels);
+            self.tread_ratio = p.traction.tread_ratio(wheels);
         }
     }
 

@@ -19,7 +19,7 @@ use module::Line;
 use module::admission::Commands;
 use navitools::{Point, Pose};
 use ros2::settings::Ros2;
-use settings::robot::{Base, Beacon, DrivenAxle, Geometry, Limits};
+use settings::robot::{Base, BaseKeys, Beacon, DrivenAxle, Geometry, Limits};
 use settings::{Bytes, Choice, Section as _, Table, settings};
 use std::path::PathBuf;
 use web::settings::Web;
@@ -34,9 +34,13 @@ settings! {
         /// The LCM bus.
         bus: BusSettings = table;
         /// Measures.
-        geometry: Geometry = required;
+        geometry as lengths: Geometry = required;
+        /// Kind of the base, and the places of its wheels.
+        base as kind: Option<BaseKeys> = optional;
+        /// Measures, with the wheels of a base that steers.
+        measures as geometry: Geometry = unset kind.map_or(lengths, |kind| kind.measures(lengths));
         /// Wheels of a base without steering.
-        base: Option<Base> = optional;
+        wheels as base: Option<Base> = unset kind.and_then(|kind| kind.base());
         /// Bounds of motion.
         limits: Limits = required;
         /// How the robot comes to a stand.
@@ -648,10 +652,10 @@ impl Robot {
     }
 
     /// True if its motion is measured by its drives alone, `LL_DATA_VELOCITY`: no board counts other wheels, or the
-    /// only front wheel is driven.
+    /// only steered wheel is driven.
     #[must_use]
     pub fn is_measured_by_drives(&self) -> bool {
-        self.base.is_some() || self.geometry.driven == DrivenAxle::Front || !self.has_odometry()
+        self.base.is_some() || self.geometry.driven == DrivenAxle::Steered || !self.has_odometry()
     }
 
     /// Boards of range finders, front and rear, with what they serve.
@@ -677,6 +681,7 @@ impl Robot {
         if let Some(geometry) = table.below("geometry") {
             self.geometry.check_wheels(self.base.as_ref().map(|base| (base, &self.limits)), &geometry);
         }
+        self.check_speeds(table);
         self.check_axes(table);
         self.check_lines(table);
         self.check_imus(table);
@@ -877,12 +882,43 @@ impl Robot {
         }
     }
 
+    /// No source is permitted more than the robot. A `speed_mps` of the command line bounds all of them for a run.
+    fn check_speeds(&self, table: &Table<'_>) {
+        let most = self.limits.speed_mps;
+        let Some(table) = table.below("limits").filter(|table| !table.is_set("speed_mps")) else { return };
+        let sources = [
+            ("speed_manual_mps", self.limits.speed_manual_mps),
+            ("speed_autonomous_mps", self.limits.speed_autonomous_mps),
+        ];
+        for (key, _) in sources.into_iter().filter(|(_, speed)| *speed > most) {
+            table.refuse(key, format_args!("at most limits.speed_mps, {most}"));
+        }
+    }
+
     /// A drive on a CAN bus moves an axis that the base has, and nothing else says what is driven.
     fn check_axes(&self, table: &Table<'_>) {
-        if self.base.is_some()
+        if let Some(kind) = self.kind
             && let Some(geometry) = table.below("geometry").filter(|geometry| geometry.has("driven"))
         {
-            geometry.refuse("driven", "nothing beside [base], whose wheels are all driven");
+            let expected = match kind.base() {
+                Some(_) => "nothing beside [base], whose wheels are all driven",
+                None => "nothing beside [base], whose own key is driven = \"fixed\" or \"steered\"",
+            };
+            geometry.refuse("driven", expected);
+        }
+        let (left, most) = (self.geometry.steered.driven_left_m, self.geometry.driven_left_max_m(&self.limits));
+        if let Some(base) = table.below("base").filter(|_| left != 0.0) {
+            if self.geometry.driven == DrivenAxle::Steered {
+                base.refuse("driven_left_m", "nothing beside driven = \"steered\", a wheel in the middle");
+            } else if left.abs() > most {
+                let most = (most * 1e3).floor() / 1e3;
+                let expected = format!(
+                    "at most {most} either way: in the narrowest curve by limits.steering_rad the wheel would be at \
+                     its \
+                     centre, or turn the other way"
+                );
+                base.refuse("driven_left_m", expected);
+            }
         }
         let axes = self.axes();
         for bus in &self.can {

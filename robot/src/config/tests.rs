@@ -95,6 +95,10 @@ fn a_base_names_the_axes_of_its_drives() {
             "kind = \"skid-steer\"\ntrack_m = 0.6\nwheelbase_m = 0.5",
             &["front_left", "front_right", "rear_left", "rear_right"],
         ),
+        (
+            "kind = \"skid\"\ntrack_m = 0.6\nwheelbase_m = 0.5",
+            &["front_left", "front_right", "rear_left", "rear_right"],
+        ),
         ("kind = \"omni\"\nradius_m = 0.2", &["wheel_1", "wheel_2", "wheel_3"]),
         ("kind = \"omni\"\nradius_m = 0.2\nwheels = 4", &["wheel_1", "wheel_2", "wheel_3", "wheel_4"]),
     ] {
@@ -241,6 +245,84 @@ fn wheels_of_a_base_are_within_the_outline() {
     assert_eq!(behind.len(), 1);
     let why = "robot.toml:9: geometry.rear_overhang_m = 0.15: expected at least 0.250: a wheel is at [-0.250, ";
     assert!(behind[0].starts_with(why), "{behind:?}");
+}
+
+#[test]
+fn a_base_that_steers_has_a_kind_an_end_and_a_driven_wheel() {
+    use settings::robot::{End, Traction};
+    let with = |base: &str| {
+        let robot = ROBOT.replacen("[limits]", &format!("[base]\n{base}\n[limits]"), 1);
+        load(&robot, "", &[], MODULES).map(|config| config.robot)
+    };
+    let of = |base: &str| {
+        let robot = with(base).unwrap();
+        assert_eq!((robot.base, robot.axes()), (None, &["propulsion", "steering"][..]), "{base}");
+        let steered = robot.geometry.steered;
+        (steered.end, steered.one_fixed, steered.one_steered, robot.geometry.traction())
+    };
+    let axle = Traction::Fixed { left: 0.0 };
+    assert_eq!(with("kind = \"ackermann\"").unwrap().geometry, load(ROBOT, "", &[], MODULES).unwrap().robot.geometry);
+    assert_eq!(of("kind = \"ackermann\"\nsteered = \"rear\""), (End::Rear, false, false, axle));
+    assert_eq!(of("kind = \"tricycle\""), (End::Front, false, true, axle));
+    let fork_lift = "kind = \"tricycle\"\nsteered = \"rear\"\ndriven = \"steered\"";
+    assert_eq!(of(fork_lift), (End::Rear, false, true, Traction::Steered));
+    let beside = of("kind = \"tricycle\"\ndriven_left_m = -0.3");
+    assert_eq!(beside, (End::Front, false, true, Traction::Fixed { left: -0.5 }));
+    assert_eq!(of("kind = \"bicycle\"\ndriven = \"fixed\""), (End::Front, true, true, axle));
+
+    let refused = |base: &str, expected: &str| assert_eq!(with(base).unwrap_err(), [expected]);
+    refused(
+        "kind = \"tricycle\"\ndriven_left_m = 0.7",
+        "robot.toml:13: base.driven_left_m = 0.7: expected at most 0.686 either way: in the narrowest curve by \
+         limits.steering_rad the wheel would be at its centre, or turn the other way",
+    );
+    refused(
+        "kind = \"tricycle\"\ndriven_left_m = 0.2\ndriven = \"steered\"",
+        "robot.toml:13: base.driven_left_m = 0.2: expected nothing beside driven = \"steered\", a wheel in the middle",
+    );
+    let unknown = with("kind = \"tank\"\ntrack_m = 0.4").unwrap_err();
+    let names = ["differential", "skid-steer", "skid", "mecanum", "omni", "tricycle", "ackermann", "bicycle"];
+    assert!(unknown[0].starts_with("robot.toml:12: base.kind = \"tank\": expected "), "{unknown:?}");
+    assert!(names.iter().all(|name| unknown[0].contains(&format!("{name:?}"))), "{unknown:?}");
+    let twice = ROBOT.replacen("[limits]", "driven = \"front\"\n[base]\nkind = \"tricycle\"\n[limits]", 1);
+    let expected = "robot.toml:11: geometry.driven = \"front\": expected nothing beside [base], whose own key is \
+                    driven = \"fixed\" or \"steered\"";
+    assert_eq!(load(&twice, "", &[], MODULES).unwrap_err(), [expected]);
+}
+
+#[test]
+fn no_source_is_faster_than_the_robot_unless_it_is_slowed_down_for_a_run() {
+    for (key, was) in [("speed_manual_mps", "0.6"), ("speed_autonomous_mps", "0.8")] {
+        let line = ROBOT.lines().position(|line| line.starts_with(key)).unwrap() + 1;
+        let expected = format!("robot.toml:{line}: limits.{key} = 1.3: expected at most limits.speed_mps, 1.2");
+        refused(&format!("{key} = {was}"), &format!("{key} = 1.3"), &[&expected]);
+    }
+    assert!(load(ROBOT, "", &["limits.speed_mps=0.3"], MODULES).is_ok());
+    let set = load(ROBOT, "", &["limits.speed_manual_mps=1.3"], MODULES).unwrap_err();
+    assert_eq!(set, ["--set: limits.speed_manual_mps = 1.3: expected at most limits.speed_mps, 1.2"]);
+}
+
+#[test]
+fn a_homing_method_is_one_of_the_standard_or_of_the_maker_and_of_a_steering() {
+    let expected = "1 to 14, 17 to 30, 33 to 35, 37 (CiA 402), or below 0 (the maker's)";
+    let with = |method: &str| {
+        let to = format!("switch_rad = 0, homing_method = {method},");
+        load(&ROBOT.replacen("switch_rad = 0,", &to, 1), "", &[], MODULES).err().unwrap_or_default()
+    };
+    for method in ["99", "0", "15", "36"] {
+        assert_eq!(
+            with(method),
+            [format!("robot.toml:25: can.main.nodes[1].homing_method = {method}: expected {expected}")]
+        );
+    }
+    assert!(["-1", "27", "35", "37"].iter().all(|method| with(method).is_empty()));
+    let wheel = ROBOT.replacen(
+        "driver = \"epos\", axis = \"propulsion\", gear = 26",
+        "driver = \"cia402\", axis = \"propulsion\", gear = 26, eds = \"wheel.eds\", homing_method = 27",
+        1,
+    );
+    let found = load(&wheel, "", &[], MODULES).unwrap_err();
+    assert_eq!(found, ["robot.toml:24: can.main.nodes[0].homing_method = 27: expected nothing: a wheel is not homed"]);
 }
 
 /// An ODrive of a wheel.

@@ -6,7 +6,7 @@ use super::{Config, STANDSTILL_MPS};
 use base::{Duration, Instant};
 use kinematics::{Agreement, Chassis, Driven, End, Error, PerWheel, Refusal, SteeredBase, Steering, Twist, WheelState};
 use messages::Hold;
-use settings::robot::DrivenAxle;
+use settings::robot::Traction;
 
 /// Period of the set-points of several wheels, which accelerate together.
 const STEP: Duration = Duration::from_millis(20);
@@ -16,9 +16,9 @@ const REACHED_MPS: f64 = 1e-9;
 /// What the body is to do.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct SetPoints {
-    /// Velocity. Of a base that steers only the speed of the rear axle's middle: it turns by its steering.
+    /// Velocity. Of a base that steers only the speed of the fixed axle's middle: it turns by its steering.
     pub velocity: Twist,
-    /// Angle of the equivalent single front wheel, rad; `None`: as it is, or nothing steers.
+    /// Angle of the equivalent single steered wheel, rad; `None`: as it is, or nothing steers.
     pub steering: Option<f64>,
     /// What the base cannot do of the command, and therefore leaves out.
     pub left_out: [Option<Hold>; 2],
@@ -46,8 +46,8 @@ pub(super) struct Body {
     steers: bool,
     /// m; without steering that of the equivalent base of `LL_CMD_MOTION`.
     wheelbase: f64,
-    driven: DrivenAxle,
-    /// Greatest angle of the equivalent single front wheel, rad.
+    traction: Traction,
+    /// Greatest angle of the equivalent single steered wheel, rad.
     steering_max: f64,
     /// Greatest speed, m/s, and rotation, rad/s, of a command.
     speed_max: f64,
@@ -80,7 +80,7 @@ impl Body {
             chassis,
             steers,
             wheelbase,
-            driven: config.driven,
+            traction: config.traction,
             steering_max: limits.steering_rad,
             speed_max: limits.speed_mps,
             rotation_max: if steers { by_steering } else { limits.rotation_radps },
@@ -169,7 +169,8 @@ impl Body {
             let angle = points.steering.unwrap_or(0.0);
             let curvature = libm::fabs(libm::tan(angle) / self.wheelbase);
             let by_curve = if curvature > 0.0 { libm::sqrt(caps.lateral / curvature) } else { caps.speed };
-            let bound = (caps.speed / self.driven.tread_ratio(angle)).min(by_curve);
+            // Neither the robot nor the driven tread is faster.
+            let bound = (caps.speed / self.traction.tread_ratio(angle).max(1.0)).min(by_curve);
             return SetPoints { velocity: Twist::new(vx.clamp(-bound, bound), vy, omega), ..points };
         }
         let part = |most: f64, wanted: f64| if wanted > most { most / wanted } else { 1.0 };
@@ -250,20 +251,20 @@ impl Body {
         self.chassis.agreement(wheels, tolerance)
     }
 
-    /// Angle of the equivalent single front wheel at a velocity of a base without steering, rad; `otherwise` while it
+    /// Angle of the equivalent single steered wheel at a velocity of a base without steering, rad; `otherwise` while it
     /// does not drive forward or backward.
     pub(super) fn equivalent_steering(&self, Twist { vx, omega, .. }: Twist, otherwise: f64) -> f64 {
         if vx.abs() < STANDSTILL_MPS { otherwise } else { libm::atan(omega * self.wheelbase / vx) }
     }
 
-    /// Speed of the driven tread at this speed of the rear axle's middle, m/s, and steering angle, rad.
+    /// Speed of the driven tread at this speed of the fixed axle's middle, m/s, and steering angle, rad.
     fn tread(&self, axle: f64, steering: f64) -> f64 {
-        axle * self.driven.tread_ratio(steering)
+        axle * self.traction.tread_ratio(steering)
     }
 
     /// The inverse of [`Self::tread`].
     fn axle(&self, tread: f64, steering: f64) -> f64 {
-        tread / self.driven.tread_ratio(steering)
+        tread / self.traction.tread_ratio(steering)
     }
 
     /// Velocity at this speed, m/s, and steering angle, rad. The rotation depends on the angle; the velocity of the
@@ -339,6 +340,52 @@ mod tests {
             assert!((twist - Twist::new(vx, 0.0, omega)).at(1.0, 1.0).0.abs() < 1e-12 && residual < 1e-12, "{twist:?}");
         }
         assert_eq!(points(0.0, 0.0, 0.0), (0.0, None, vec![]), "the steering stays as it is");
+    }
+
+    #[test]
+    fn the_driven_wheel_has_the_speed_of_its_place_whichever_end_steers() {
+        const LEFT: f64 = 0.25;
+        let config = config();
+        let base = |end| SteeredBase {
+            wheelbase_m: config.wheelbase,
+            end,
+            driven: Driven::All,
+            steering: Steering { min_rad: -1.0, max_rad: 1.0, rate_radps: 1.0 },
+            limits: kinematics::Limits { speed_mps: 9.0, acceleration_mps2: 1.0, deceleration_mps2: 1.0 },
+        };
+        for (speed, angle) in [(0.4, 0.5), (0.4, -0.5), (-0.3, 0.5), (0.2, 0.0)] {
+            let twist = Twist::new(speed, 0.0, speed * libm::tan(angle) / config.wheelbase);
+            for (end, sign) in [(End::Front, 1.0), (End::Rear, -1.0)] {
+                let wheels = Chassis::tricycle(&base(end), 2.0 * LEFT).expect("a base").wheel_states(twist, &[]);
+                // A wheel behind the fixed axle is turned to the right for a curve to the left.
+                assert!((wheels[2].steering_rad - sign * angle).abs() < 1e-12, "{end:?} {angle}: {wheels:?}");
+                let places = [
+                    (0, Traction::Fixed { left: LEFT / config.wheelbase }),
+                    (1, Traction::Fixed { left: -LEFT / config.wheelbase }),
+                    (2, Traction::Steered),
+                ];
+                for (wheel, traction) in places {
+                    let mut body = Body::new(&Config { traction, ..config.clone() }).expect("a base");
+                    let set = body.speeds(Instant::ZERO, Twist::new(speed, 0.0, 0.0), angle, true);
+                    assert!((set[0] - wheels[wheel].speed_mps).abs() < 1e-12, "{wheel}: {set:?} {wheels:?}");
+                    let Measured { twist: measured, .. } = body.velocity(&[at(set[0])], angle);
+                    let off = measured - twist;
+                    assert!(off.vx.abs() < 1e-12 && off.omega.abs() < 1e-12, "{wheel}: {measured:?}, not {twist:?}");
+                }
+            }
+        }
+        // Beside the middle nothing is known without the angle.
+        let beside = Config { traction: Traction::Fixed { left: 0.4 }, ..config };
+        let mut body = Body::new(&beside).expect("a base");
+        assert!(body.velocity(&[at(0.3)], f64::NAN).twist.vx.is_nan());
+        assert_eq!(body.speeds(Instant::ZERO, Twist::new(0.3, 0.0, 0.0), f64::NAN, true), [0.0]);
+        // On the outside of a curve its tread keeps the bound, on the inside the robot.
+        for (angle, most) in [(-0.5, 0.4 / (1.0 + 0.4 * libm::tan(0.5))), (0.5, 0.4)] {
+            let steering = Some(angle);
+            let points = SetPoints { velocity: Twist::new(1.0, 0.0, 0.0), steering, left_out: [None; 2] };
+            let capped = body.capped(points, Caps { speed: 0.4, lateral: 9.0 });
+            assert!((capped.velocity.vx - most).abs() < 1e-12, "{angle}: {capped:?}");
+        }
     }
 
     #[test]

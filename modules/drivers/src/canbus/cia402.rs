@@ -1,6 +1,6 @@
 //! A drive of CiA 402 by its data sheet: from the keys of the configuration to what the drive must be.
 
-use super::config::{ConfigError, SecondWay, Stop};
+use super::config::{ConfigError, SecondWay, Stop, check_method};
 use super::{Axis, Config};
 use base::Duration;
 use canopen::axis::modes::Mode;
@@ -136,6 +136,7 @@ impl Cia402Config {
         if !self.stops_without.iter().all(|index| STOPPING.contains(index)) {
             table.refuse("stops_without", "indices of objects by which a drive stops");
         }
+        check_method(table, self.homing_method);
     }
 
     /// What only one of the axes needs.
@@ -150,6 +151,8 @@ impl Cia402Config {
             if !table.has("homing_speed_radps") {
                 table.refuse_missing("homing_speed_radps", "the speed towards the homing switch");
             }
+        } else {
+            table.refuse("homing_method", "nothing: a wheel is not homed");
         }
     }
 

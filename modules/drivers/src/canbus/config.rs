@@ -11,9 +11,10 @@ use super::requests::may_be_listed;
 use super::vesc::VescConfig;
 use crate::io::Canopen;
 use base::Duration;
+use canopen::axis::modes::method::Method;
 use canopen::drives::derive::Refusal;
 use canopen::eds::Eds;
-use settings::robot::{Base, DrivenAxle, Geometry, Limits};
+use settings::robot::{Base, Geometry, Limits, Traction};
 use settings::{Blank, Off, Section as _, Table, ZeroOr, settings};
 use std::fmt;
 use std::path::PathBuf;
@@ -393,13 +394,13 @@ pub struct Config {
     pub sync: Option<Duration>,
     /// Period of TIME, if any node keeps a clock.
     pub time: Option<Duration>,
-    /// Front to rear axle, m; of a base without steering: of the base as whose steering it takes the angle of
+    /// Fixed to steered axle, m; of a base without steering: of the base as whose steering it takes the angle of
     /// `LL_CMD_MOTION`.
     pub wheelbase: f64,
     /// Circumference of a driven wheel, m.
     pub wheel_circumference: f64,
     /// What the propulsion of a base that steers drives.
-    pub driven: DrivenAxle,
+    pub traction: Traction,
     /// Wheels of a base without steering; none: a driven rear axle and steered front wheels.
     pub base: Option<Base>,
     /// Bounds on commands and on what is done.
@@ -649,7 +650,7 @@ impl BusConfig {
             time: self.time,
             wheelbase: geometry.wheelbase_m,
             wheel_circumference: circumference,
-            driven: geometry.driven,
+            traction: geometry.traction(),
             base,
             limits,
             critical: Vec::new(),
@@ -741,8 +742,16 @@ impl EposConfig {
     }
 }
 
+/// A homing method is one of CiA 402, or one of the maker's, which are negative.
+pub(super) fn check_method(table: &Table<'_>, number: i8) {
+    if number >= 0 && Method::of(number).is_none() {
+        table.refuse("homing_method", "1 to 14, 17 to 30, 33 to 35, 37 (CiA 402), or below 0 (the maker's)");
+    }
+}
+
 impl IclaConfig {
     fn check(&self, table: &Table<'_>) {
         not_zero(table, self.gear);
+        check_method(table, self.homing_method);
     }
 }

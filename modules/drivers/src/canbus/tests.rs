@@ -50,7 +50,7 @@ pub(super) fn config() -> Config {
         time: None,
         wheelbase: 0.6,
         wheel_circumference: 0.8,
-        driven: settings::robot::DrivenAxle::Rear,
+        traction: settings::robot::Traction::Fixed { left: 0.0 },
         base: None,
         limits: Limits {
             speed_mps: 1.2,

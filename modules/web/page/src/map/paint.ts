@@ -431,8 +431,8 @@ function robot(brush: Brush, scene: ScenePart, drive: DrivePart): void {
   on.strokeStyle = colour;
   on.lineWidth = 2;
   on.stroke();
-  // Its nose: between the middle of the rear axle and the front.
-  const front = Math.max(...scene.outline.map(([x]) => x), scene.wheelbase);
+  // Its nose.
+  const front = Math.max(...scene.outline.map(([x]) => x));
   on.strokeStyle = known ? ink.floor : colour;
   on.lineWidth = Math.max(2, 0.05 * camera.scale);
   on.beginPath();
