@@ -776,7 +776,7 @@ fn only_a_serial_port_has_another_end_for_the_simulator() {
         match why {
             Ok(()) => drop(load(&ROBOT.replacen("[limits]", &text, 1), "", &[], MODULES).unwrap()),
             Err(why) => {
-                refused("[limits]", &text, &[&format!("robot.toml:15: {table}.simulated_at = \"/dev/ttyS1\": {why}")]);
+                refused("[limits]", &text, &[&format!("robot.toml:14: {table}.simulated_at = \"/dev/ttyS1\": {why}")]);
             }
         }
     }
