@@ -759,7 +759,7 @@ fn planner(place: &RobotLocation, robot: &Robot, world: Option<&World>) -> Resul
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ::host::ports::{GamepadPlace, TerminalConfig};
+    use ::host::ports::{ByteParity, GamepadPlace, TerminalConfig};
     use base::gpio::LineId;
     use drivers::canbus::{Cia402Config, Drive, EposConfig, SecondWay, VelocityUnit};
     use settings::Section as _;
@@ -938,6 +938,47 @@ mod tests {
         assert!(side(SIMULATOR, "boards").contains(&pseudo));
     }
 
+    /// Both ends of a line of bytes of the courier with these tables more, at `/dev/ttyLAB10` and `at`; the simulator's
+    /// second.
+    fn ends_of(bus: &str, tables: &str, at: &str) -> [Result<PortConfig, String>; 2] {
+        let place = shipped(true);
+        let read = |name: &str| std::fs::read_to_string(place.config.join(name)).unwrap();
+        let robot = format!("{}\n{tables}\nport = \"/dev/ttyLAB10\"\n{at}\n", read("robot.toml"));
+        let node = |name: &str, text: &str| settings::Node::parse(Path::new(name), text).unwrap();
+        let (robot, modules) = (node("robot.toml", &robot), node("modules.toml", &read("modules.toml")));
+        let config = Config::merge::<&str>(robot, Some(node("sim.toml", &read("sim.toml"))), modules, &[]).unwrap();
+        [false, true].map(|side| place_of(&place, &config.robot, bus, side).map_err(|error| error.to_string()))
+    }
+
+    #[test]
+    fn at_a_real_port_a_device_of_bytes_is_simulated_where_it_is_wired_to() {
+        for (bus, tables, baud, parity) in [
+            ("lidar.a", "[lidar.a]\nmodel = \"ld19\"", 230_400, ByteParity::None),
+            ("imu.a", "[imu.a]\nmodel = \"witmotion\"", 115_200, ByteParity::None),
+            (
+                "modbus.a",
+                "[io.modbus.a]\nsignals = [ { name = \"b\", table = \"coil\", address = 0 } ]\nparity = \"odd\"",
+                19_200,
+                ByteParity::Odd,
+            ),
+        ] {
+            let terminal = |path: &str, low_latency| {
+                let bytes = TerminalConfig { bytes: Some(parity), ..TerminalConfig::new(path.into(), baud) };
+                PortConfig::Terminal(TerminalConfig { low_latency, ..bytes })
+            };
+            let is_quick = bus != "modbus.a";
+            let [driver, simulator] = ends_of(bus, tables, "simulated_at = \"/dev/ttyLAB11\"");
+            assert_eq!(driver, Ok(terminal("/dev/ttyLAB10", is_quick)), "{bus}");
+            assert_eq!(simulator, Ok(terminal("/dev/ttyLAB11", is_quick)), "{bus}");
+            let [driver, simulator] = ends_of(bus, tables, "simulated_at = \"device\"");
+            assert_eq!(driver, Ok(terminal("/dev/ttyLAB10", is_quick)), "{bus}");
+            assert_eq!(simulator, Ok(PortConfig::PseudoBytes { link: "/run/advee/device".into(), baud }), "{bus}");
+            let [_, simulator] = ends_of(bus, tables, "");
+            let why = "port = \"/dev/ttyLAB10\": the simulator needs a name in the run folder, or simulated_at";
+            assert_eq!(simulator, Err(format!("{bus}.{why}")));
+        }
+    }
+
     #[test]
     fn the_gamepad_is_the_simulator_s_where_its_socket_lies_in_the_run_folder() {
         let ports = |sim, name: &str, set: &str| {
@@ -1005,7 +1046,7 @@ mod tests {
         };
         let address = "127.0.0.1:1502".parse().unwrap();
         let (line, path) = (PathBuf::from("/run/advee/modbus-line"), PathBuf::from("/run/advee/button"));
-        let parity = Some(::host::ports::ByteParity::Even);
+        let parity = Some(ByteParity::Even);
         let terminal = TerminalConfig { bytes: parity, ..TerminalConfig::new(line.clone(), 19_200) };
         let gpio = |simulated| PortConfig::GpioSocket { path: path.clone(), simulated };
         assert_eq!(side(false), [PortConfig::Tcp { address }, PortConfig::Terminal(terminal), gpio(false)]);

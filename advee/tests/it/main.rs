@@ -23,6 +23,7 @@ mod lcm_gen;
 mod lcm_hub;
 mod lcm_tools;
 mod leftovers;
+mod lidar_line;
 mod lidar_tools;
 #[path = "../support/log.rs"]
 mod log;

@@ -132,9 +132,7 @@ settings! {
 
 impl SerialPort {
     fn check(&self, table: &Table<'_>) {
-        if self.port.is_relative() || self.simulated_at.as_ref() == Some(&self.port) {
-            table.refuse("simulated_at", "a place other than port, where that is a device file");
-        }
+        check_other_end(table, Some(&self.port), self.simulated_at.as_ref());
     }
 
     /// The name in the run folder of the pseudo-terminal that the simulator makes, if it makes one.
@@ -188,6 +186,9 @@ settings! {
         address: Option<SocketAddr> = optional, Parsed(
             |text| text.parse().ok(), r#""ADDRESS:PORT""#, "192.168.0.5:502"
         );
+        /// RTU: simulation with a device file as `port`: the other end, a device file wired to it, or a relative path of
+        /// a pseudo-terminal. Absent: the simulator makes `port` itself.
+        simulated_at: Option<PathBuf> = optional;
         /// RTU: any rate that the port can make.
         baud: u32 = 19_200, 1200..=4_000_000;
         /// RTU: parity; with `"none"` there are two stop bits.
@@ -204,12 +205,20 @@ settings! {
     check StreamPort::check;
 }
 
-/// One of a device file and an address.
-fn check_stream(table: &Table<'_>, port: Option<&PathBuf>, address: Option<SocketAddr>) {
+/// One of a device file and an address; the device file may have another end.
+fn check_stream(table: &Table<'_>, port: Option<&PathBuf>, address: Option<SocketAddr>, other_end: Option<&PathBuf>) {
     match (port, address) {
         (None, None) => table.refuse_missing("port", "a device file, or address"),
         (Some(_), Some(_)) => table.refuse("address", "nothing beside port"),
-        _ => {}
+        (None, Some(_)) => table.refuse("simulated_at", "nothing beside address"),
+        (port, None) => check_other_end(table, port, other_end),
+    }
+}
+
+/// The simulator's end of a line is not the driver's, and only a device file has another one.
+fn check_other_end(table: &Table<'_>, port: Option<&PathBuf>, other_end: Option<&PathBuf>) {
+    if port.is_some_and(|port| port.is_relative() || other_end == Some(port)) {
+        table.refuse("simulated_at", "a place other than port, where that is a device file");
     }
 }
 
@@ -217,11 +226,11 @@ impl StreamPort {
     /// A line of bytes without parity; RTS does not switch its direction.
     fn plain(port: Option<PathBuf>, baud: u32, low_latency: bool, raw: bool) -> Self {
         let (parity, setup) = (ByteParity::None, Vec::new());
-        Self { port, address: None, baud, parity, setup, direction: None, low_latency, raw }
+        Self { port, address: None, simulated_at: None, baud, parity, setup, direction: None, low_latency, raw }
     }
 
     fn check(&self, table: &Table<'_>) {
-        check_stream(table, self.port.as_ref(), self.address);
+        check_stream(table, self.port.as_ref(), self.address, self.simulated_at.as_ref());
     }
 
     /// The driver's port.
@@ -246,20 +255,27 @@ impl StreamPort {
     /// The simulator's end.
     ///
     /// # Errors
-    /// The port is a device file, or the address is of another computer.
+    /// The port is a device file without `simulated_at`, or the address is of another computer.
     pub fn simulated(&self, run_dir: &Path, bus: &str) -> Result<PortConfig, String> {
-        match (&self.port, self.address) {
-            (_, Some(address)) if address.ip().is_loopback() => Ok(PortConfig::TcpServer { address }),
-            (_, Some(address)) => Err(format!(
-                "{bus}.address = \"{address}\": the simulator needs an address of this computer, as 127.0.0.1:1502"
-            )),
-            (Some(port), None) if port.is_relative() => {
-                Ok(PortConfig::PseudoBytes { link: run_dir.join(port), baud: self.baud })
+        let port = match (&self.port, self.address) {
+            (_, Some(address)) if address.ip().is_loopback() => return Ok(PortConfig::TcpServer { address }),
+            (_, Some(address)) => {
+                return Err(format!(
+                    "{bus}.address = \"{address}\": the simulator needs an address of this computer, as 127.0.0.1:1502"
+                ));
             }
-            (port, None) => Err(format!(
-                "{bus}.port = {:?}: the simulator needs a name in the run folder",
-                port.as_deref().unwrap_or(Path::new(""))
-            )),
+            (port, None) => port.as_deref().unwrap_or(Path::new("")),
+        };
+        match self.simulated_at.as_deref() {
+            None if port.is_absolute() => {
+                Err(format!("{bus}.port = {port:?}: the simulator needs a name in the run folder, or simulated_at"))
+            }
+            Some(end) if end.is_absolute() => {
+                let (bytes, low_latency) = (Some(self.parity), self.low_latency);
+                let plain = TerminalConfig::new(end.into(), self.baud);
+                Ok(PortConfig::Terminal(TerminalConfig { bytes, low_latency, ..plain }))
+            }
+            end => Ok(PortConfig::PseudoBytes { link: run_dir.join(end.unwrap_or(port)), baud: self.baud }),
         }
     }
 }
@@ -276,6 +292,9 @@ settings! {
         address: Option<SocketAddr> = optional, Parsed(
             |text| text.parse().ok(), r#""ADDRESS:PORT""#, "192.168.0.1:2111"
         );
+        /// Serial: simulation with a device file as `port`: the other end, a device file wired to it, or a relative path
+        /// of a pseudo-terminal. Absent: the simulator makes `port` itself.
+        simulated_at: Option<PathBuf> = optional;
         /// Serial: rate. Absent: the usual one of the model.
         baud: Option<u32> = optional, 1200..=4_000_000;
         /// Serial, USB adapters: received bytes are handed on at once, not after 16 ms.
@@ -288,7 +307,7 @@ settings! {
 
 impl LidarPort {
     fn check(&self, table: &Table<'_>) {
-        check_stream(table, self.port.as_ref(), self.address);
+        check_stream(table, self.port.as_ref(), self.address, self.simulated_at.as_ref());
     }
 
     /// The same as a line of bytes, at this rate where the configuration names none: no parity.
@@ -296,7 +315,7 @@ impl LidarPort {
     pub fn stream(&self, usual_baud: u32) -> StreamPort {
         let baud = self.baud.unwrap_or(usual_baud);
         let line = StreamPort::plain(self.port.clone(), baud, self.low_latency, self.raw);
-        StreamPort { address: self.address, ..line }
+        StreamPort { address: self.address, simulated_at: self.simulated_at.clone(), ..line }
     }
 }
 
@@ -312,6 +331,9 @@ settings! {
         address: Option<SocketAddr> = optional, Parsed(
             |text| text.parse().ok(), r#""ADDRESS:PORT""#, "192.168.0.6:4001"
         );
+        /// Simulation with a device file as `port`: the other end, a device file wired to it, or a relative path of a
+        /// pseudo-terminal. Absent: the simulator makes `port` itself.
+        simulated_at: Option<PathBuf> = optional;
         /// Any rate that the port can make.
         baud: u32 = 9600, 1200..=4_000_000;
         /// Parity of the eight bits; with `"none"` there are two stop bits, which devices with one accept.
@@ -330,14 +352,14 @@ settings! {
 
 impl BytePort {
     fn check(&self, table: &Table<'_>) {
-        check_stream(table, self.port.as_ref(), self.address);
+        check_stream(table, self.port.as_ref(), self.address, self.simulated_at.as_ref());
     }
 
     /// The same as a line of bytes.
     #[must_use]
     pub fn stream(&self) -> StreamPort {
-        let Self { port, address, baud, parity, setup, direction, low_latency, raw } = self.clone();
-        StreamPort { port, address, baud, parity, setup, direction, low_latency, raw }
+        let Self { port, address, simulated_at, baud, parity, setup, direction, low_latency, raw } = self.clone();
+        StreamPort { port, address, simulated_at, baud, parity, setup, direction, low_latency, raw }
     }
 }
 
@@ -351,6 +373,9 @@ settings! {
         /// I2C, CAN: the bus that the device is on, `"i2c.main"` for `[i2c.main]`, `"can.main"` for `[can.main]`. Other
         /// devices may be on it.
         bus: Option<String> = optional;
+        /// Serial: simulation with a device file as `port`: the other end, a device file wired to it, or a relative path
+        /// of a pseudo-terminal. Absent: the simulator makes `port` itself.
+        simulated_at: Option<PathBuf> = optional;
         /// Serial: rate.
         baud: u32 = 115_200, 1200..=4_000_000;
         /// Serial, USB adapters: received bytes are handed on at once, not after 16 ms.
@@ -366,14 +391,16 @@ impl ImuPort {
         match (&self.port, &self.bus) {
             (None, None) => table.refuse_missing("port", "a device file, or bus"),
             (Some(_), Some(_)) => table.refuse("bus", "nothing beside port"),
-            _ => {}
+            (None, Some(_)) => table.refuse("simulated_at", "nothing beside bus"),
+            (port, None) => check_other_end(table, port.as_ref(), self.simulated_at.as_ref()),
         }
     }
 
     /// The serial line as one of bytes without parity.
     #[must_use]
     pub fn stream(&self) -> StreamPort {
-        StreamPort::plain(self.port.clone(), self.baud, self.low_latency, self.raw)
+        let line = StreamPort::plain(self.port.clone(), self.baud, self.low_latency, self.raw);
+        StreamPort { simulated_at: self.simulated_at.clone(), ..line }
     }
 }
 
@@ -384,6 +411,9 @@ settings! {
         /// Device file; of a USB adapter its name under `/dev/serial/by-id`. A relative path: the simulator's
         /// pseudo-terminal, in the run folder.
         port: PathBuf = required;
+        /// Simulation with a device file as `port`: the other end, a device file wired to it, or a relative path of a
+        /// pseudo-terminal. Absent: the simulator makes `port` itself.
+        simulated_at: Option<PathBuf> = optional;
         /// Rate, as it is set in the device.
         baud: u32 = 115_200, 9600..=4_000_000;
         /// USB adapters: received bytes are handed on at once, not after 16 ms.
@@ -391,13 +421,19 @@ settings! {
         /// Every byte is published as `LL_DATA_RAW_<BUS>`.
         raw: bool = false;
     }
+    check LinePort::check;
 }
 
 impl LinePort {
+    fn check(&self, table: &Table<'_>) {
+        check_other_end(table, Some(&self.port), self.simulated_at.as_ref());
+    }
+
     /// The same as a line of bytes: no parity.
     #[must_use]
     pub fn stream(&self) -> StreamPort {
-        StreamPort::plain(Some(self.port.clone()), self.baud, self.low_latency, self.raw)
+        let line = StreamPort::plain(Some(self.port.clone()), self.baud, self.low_latency, self.raw);
+        StreamPort { simulated_at: self.simulated_at.clone(), ..line }
     }
 }
 

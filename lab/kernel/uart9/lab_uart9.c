@@ -508,6 +508,7 @@ static int uart9_remove(struct platform_device *pdev)
 
 static struct platform_driver uart9_platform = {
 	.driver	= { .name = DRIVER_NAME },
+	.probe	= uart9_probe,
 	.remove	= uart9_remove,
 };
 
@@ -552,13 +553,22 @@ static int __init uart9_init(void)
 	error = uart_register_driver(&uart9_driver);
 	if (error)
 		goto free;
-	device = platform_create_bundle(&uart9_platform, uart9_probe, NULL, 0, NULL, 0);
+	/* Not as a bundle: its ports could not be removed by the driver's unbind, as an adapter is unplugged. */
+	error = platform_driver_register(&uart9_platform);
+	if (error)
+		goto unregister;
+	device = platform_device_register_simple(DRIVER_NAME, PLATFORM_DEVID_NONE, NULL, 0);
 	if (IS_ERR(device)) {
 		error = PTR_ERR(device);
-		goto unregister;
+		goto driver;
 	}
-	return 0;
+	if (device->dev.driver)
+		return 0;
+	error = -ENODEV;	/* probing failed */
+	platform_device_unregister(device);
 
+driver:
+	platform_driver_unregister(&uart9_platform);
 unregister:
 	uart_unregister_driver(&uart9_driver);
 free:

@@ -969,6 +969,27 @@ fn the_boards_of_a_real_port_are_simulated_at_another_place() {
 }
 
 #[test]
+fn only_a_serial_port_has_another_end_for_the_simulator() {
+    let place = "expected a place other than port, where that is a device file";
+    for (table, keys, why) in [
+        ("lidar.front", "model = \"ld19\"\nport = \"/dev/ttyS0\"", Ok(())),
+        ("lidar.front", "model = \"ld19\"\nport = \"lidar-front\"", Err(place)),
+        ("lidar.front", "model = \"ld19\"\nport = \"/dev/ttyS1\"", Err(place)),
+        ("lidar.front", "model = \"ust-10lx\"\naddress = \"127.0.0.1:10940\"", Err("expected nothing beside address")),
+        ("imu.base", "model = \"witmotion\"\nport = \"/dev/ttyS0\"", Ok(())),
+        ("imu.base", "model = \"witmotion\"\nport = \"imu-base\"", Err(place)),
+    ] {
+        let text = format!("[{table}]\n{keys}\nsimulated_at = \"/dev/ttyS1\"\n[limits]");
+        match why {
+            Ok(()) => drop(load(&ROBOT.replacen("[limits]", &text, 1), "", &[], MODULES).unwrap()),
+            Err(why) => {
+                refused("[limits]", &text, &[&format!("robot.toml:14: {table}.simulated_at = \"/dev/ttyS1\": {why}")]);
+            }
+        }
+    }
+}
+
+#[test]
 fn the_chips_of_an_i2c_bus_can_be() {
     let bus = "[i2c.aux]\nbus = \"i2c-1\"\nchips = [\n\
                { address = 0x78, driver = \"max6615\" },\n\
