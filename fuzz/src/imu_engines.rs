@@ -27,7 +27,7 @@ fn set(faults: &mut Faults, number: u8, on: bool) {
     match number % 8 {
         0 => faults.unpowered = on,
         1 => faults.cut = on,
-        2 => faults.noise_per_mille = if on { 30 } else { 0 },
+        2 => faults.noise_ppm = if on { 30_000 } else { 0 },
         3 => faults.frozen = on,
         4 => faults.uncalibrated = on,
         5 => faults.error = on,

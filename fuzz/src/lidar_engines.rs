@@ -28,7 +28,7 @@ fn set(faults: &mut Faults, number: u8, on: bool) {
         1 => faults.cut = on,
         2 => faults.mute = on,
         3 => faults.deaf = on,
-        4 => faults.noise_per_mille = per_mille,
+        4 => faults.noise_ppm = 1000 * u32::from(per_mille),
         5 => faults.lost_per_mille = per_mille,
         6 => faults.added_per_mille = per_mille,
         7 => faults.stuck_bits = u8::from(on),

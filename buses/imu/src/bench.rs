@@ -131,7 +131,7 @@ pub type Cause = (&'static str, fn(&mut Faults));
 pub const ALL: [Cause; 5] = [
     ("no supply", |faults| faults.unpowered = true),
     ("line cut", |faults| faults.cut = true),
-    ("half of all is wrong", |faults| faults.noise_per_mille = 500),
+    ("half of all is wrong", |faults| faults.noise_ppm = 500_000),
     ("measurements are repeated", |faults| faults.frozen = true),
     ("a tenth of the acceleration", |faults| faults.acceleration_excess = -0.9),
 ];

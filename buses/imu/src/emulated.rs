@@ -41,8 +41,9 @@ pub struct Faults {
     pub cut: bool,
     /// It has no supply; when that comes back, it starts anew.
     pub unpowered: bool,
-    /// Bytes of 1000 that are wrong on a serial line, or refused on I2C; frames of 1000 that lack a byte on CAN.
-    pub noise_per_mille: u16,
+    /// Bytes of a million that are wrong on a serial line, or refused on I2C; frames of a million that lack a byte on
+    /// CAN.
+    pub noise_ppm: u32,
     /// It repeats the last measurement.
     pub frozen: bool,
     /// Its gyroscope has lost its calibration; only a BNO055 says so.
@@ -78,13 +79,15 @@ impl Body {
         }
     }
 
-    /// True with this probability.
-    pub fn chance(&mut self, per_mille: u16) -> bool {
+    /// True with this probability, in parts per million.
+    pub fn chance(&mut self, ppm: u32) -> bool {
         // xorshift64
         self.random ^= self.random << 13;
         self.random ^= self.random >> 7;
         self.random ^= self.random << 17;
-        (self.random >> 16) % 1000 < u64::from(per_mille)
+        let random = self.random >> 16;
+        // The thousands first: what happens by whole parts per mille does not depend on the finer digits.
+        random % 1000 * 1000 + random / 1000 % 1000 < u64::from(ppm)
     }
 
     /// What is measured now.

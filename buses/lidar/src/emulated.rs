@@ -55,8 +55,8 @@ pub struct Faults {
     pub mute: bool,
     /// Nothing reaches the device.
     pub deaf: bool,
-    /// Of 1000 bytes to the engine, this many have a wrong bit.
-    pub noise_per_mille: u16,
+    /// Of a million bytes to the engine, this many have a wrong bit.
+    pub noise_ppm: u32,
     /// Of 1000 bytes to the engine, this many are lost.
     pub lost_per_mille: u16,
     /// Of 1000 bytes to the engine, this many are followed by another one.

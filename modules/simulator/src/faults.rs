@@ -402,6 +402,11 @@ fn or(value: f64, usual: f64) -> f64 {
     if value > 0.0 { value } else { usual }
 }
 
+/// A share as parts per million, at least one.
+pub(crate) fn parts_per_million(share: f64) -> u32 {
+    libm::round(1e6 * share).clamp(1.0, 1e6) as u32
+}
+
 /// Saturates: a very long time is forever.
 fn seconds(seconds: f64) -> Duration {
     Duration::from_nanos((seconds * 1e9) as u64)
@@ -468,6 +473,9 @@ mod tests {
         }
         assert_eq!(InjectedFault::from_name("slow", 1e300), Some(InjectedFault::Slow(Duration::from_secs(1))));
         assert_eq!(InjectedFault::from_name("garbled", f64::NAN), Some(InjectedFault::Garbled(0.1)));
+        let parts = [0.0, 1e-9, 0.0001, 0.0295, 0.057, 0.1, 0.3, 1.0, 2.0];
+        let ppm = [1, 1, 100, 29_500, 57_000, 100_000, 300_000, 1_000_000, 1_000_000];
+        assert_eq!(parts.map(parts_per_million), ppm);
         assert_eq!(InjectedFault::from_name("power_off", 1e9), Some(InjectedFault::PowerOff(255)));
         assert_eq!(InjectedFault::from_name("noise", 7.0), Some(InjectedFault::Noise(1.0)));
         assert_eq!(InjectedFault::from_name("lose", 0.1), Some(InjectedFault::Lose(1)));

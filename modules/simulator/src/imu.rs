@@ -1,6 +1,6 @@
 //! Inertial measurement units on the body: each device is emulated on the wire, and measures how the body moves.
 
-use crate::faults::InjectedFault;
+use crate::faults::{InjectedFault, parts_per_million};
 use crate::scene::Scene;
 use base::can::Frame;
 use base::i2c::{Error, Outcome, Transfer};
@@ -128,8 +128,7 @@ impl Imus {
         let (faults, biased, until) = match injected {
             InjectedFault::Silent => (Faults { cut: true, ..usual }, 0.0, until),
             InjectedFault::Garbled(part) => {
-                let noise_per_mille = (1000.0 * part).clamp(1.0, 1000.0) as u16;
-                (Faults { noise_per_mille, ..usual }, 0.0, until)
+                (Faults { noise_ppm: parts_per_million(part), ..usual }, 0.0, until)
             }
             InjectedFault::Stuck => (Faults { frozen: true, ..usual }, 0.0, until),
             InjectedFault::Wrong => (Faults { acceleration_excess: -0.9, ..usual }, 0.0, until),

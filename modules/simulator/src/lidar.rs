@@ -1,6 +1,6 @@
 //! Lidars in the world: each device is emulated on the wire, and sees walls, columns and the legs of people.
 
-use crate::faults::InjectedFault;
+use crate::faults::{InjectedFault, parts_per_million};
 use crate::scene::Scene;
 use base::serial::Word;
 use base::{Duration, Instant};
@@ -198,9 +198,7 @@ impl Lidars {
         let (faults, until) = match injected {
             InjectedFault::False(_) | InjectedFault::Loss(_) => (usual, until),
             InjectedFault::Silent => (Faults { cut: true, ..usual }, until),
-            InjectedFault::Garbled(part) => {
-                (Faults { noise_per_mille: (1000.0 * part).clamp(1.0, 1000.0) as u16, ..usual }, until)
-            }
+            InjectedFault::Garbled(part) => (Faults { noise_ppm: parts_per_million(part), ..usual }, until),
             InjectedFault::Stuck => (Faults { repeats: true, ..usual }, until),
             InjectedFault::Blind => (Faults { blocked: true, ..usual }, until),
             InjectedFault::Stall(_) => (Faults { motor_stopped: true, ..usual }, until),

@@ -83,7 +83,7 @@ impl Chip {
         }
         let (start, values) = transfer.write.split_first().map_or((0, &[][..]), |(start, values)| (*start, values));
         for (n, value) in values.iter().enumerate() {
-            if body.chance(body.faults.noise_per_mille) {
+            if body.chance(body.faults.noise_ppm) {
                 return Err(Error::NoData { at: n as u8 });
             }
             self.write(now, start.wrapping_add(n as u8), *value);
@@ -91,7 +91,7 @@ impl Chip {
         let mut read = Bytes::new();
         let Read::Exactly(count) = transfer.read else { return Ok(read) };
         for n in 0..count {
-            if body.chance(body.faults.noise_per_mille) {
+            if body.chance(body.faults.noise_ppm) {
                 return Err(Error::Arbitration);
             }
             let value = self.registers.get(usize::from(start.wrapping_add(n))).copied().unwrap_or(0);

@@ -31,7 +31,7 @@ impl Sender {
             if body.faults.cut {
                 continue;
             }
-            let wrong = u8::from(body.chance(body.faults.noise_per_mille)) << 5;
+            let wrong = u8::from(body.chance(body.faults.noise_ppm)) << 5;
             let byte = if body.faults.stranger { !byte } else { byte ^ wrong };
             // What has no room is lost, as in the buffer of a port.
             let _ = self.bytes.push_back(byte);

@@ -112,7 +112,7 @@ fn faults_are_reported_within_a_second_and_end_within_two() {
         bench.suffers(name, set);
     }
     bench.suffers("another device", |faults| faults.stranger = true);
-    bench.suffers("noise, 3 of 100 bytes", |faults| faults.noise_per_mille = 30);
+    bench.suffers("noise, 3 of 100 bytes", |faults| faults.noise_ppm = 30_000);
 }
 
 #[test]

@@ -48,7 +48,7 @@ impl Sender {
         if body.faults.cut {
             return;
         }
-        let short = usize::from(body.chance(body.faults.noise_per_mille));
+        let short = usize::from(body.chance(body.faults.noise_ppm));
         // A device with other identifiers: those of a CANopen heartbeat.
         let number = if body.faults.stranger { 0x700 | number } else { number };
         // What has no room is lost.

@@ -53,7 +53,16 @@ impl Line {
     }
 
     fn in_1000(&mut self, count: u16) -> bool {
-        count > 0 && self.random() % 1000 < u64::from(count)
+        self.in_million(1000 * u32::from(count))
+    }
+
+    fn in_million(&mut self, count: u32) -> bool {
+        if count == 0 {
+            return false;
+        }
+        // The thousands first: what happens by whole parts per mille does not depend on the finer digits.
+        let random = self.random();
+        random % 1000 * 1000 + random / 1000 % 1000 < u64::from(count)
     }
 
     /// Discards what is on the way.
@@ -89,7 +98,7 @@ impl Line {
                 continue;
             }
             let mut byte = *byte | faults.stuck_bits;
-            if self.in_1000(faults.noise_per_mille) {
+            if self.in_million(faults.noise_ppm) {
                 byte ^= 1 << (self.random() % 8);
             }
             if faults.wrong_baud {
@@ -155,5 +164,34 @@ impl Line {
     #[must_use]
     pub fn is_busy(&self) -> bool {
         !self.bytes.is_empty()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Wrong bytes of 1,000,000 at this noise.
+    fn wrong(noise_ppm: u32) -> usize {
+        let mut line = Line::new(1_000_000);
+        let faults = Faults { noise_ppm, ..Faults::default() };
+        let (mut all, mut bytes) = (std::vec::Vec::new(), [0; 1000]);
+        for n in 1..=1000 {
+            line.send(&[0; 1000], &faults);
+            let count = line.poll(Instant::from_millis(n), &mut bytes, &faults);
+            all.extend_from_slice(&bytes[..count]);
+        }
+        assert_eq!(all.len(), 1_000_000);
+        all.iter().filter(|byte| **byte != 0).count()
+    }
+
+    #[test]
+    fn noise_is_as_rare_as_it_is_set() {
+        assert_eq!(wrong(0), 0);
+        assert_eq!(wrong(1_000_000), 1_000_000);
+        for (noise_ppm, expected) in [(100, 70..130), (1000, 900..1100), (30_000, 29_000..31_000)] {
+            let count = wrong(noise_ppm);
+            assert!(expected.contains(&count), "{noise_ppm}: {count}");
+        }
     }
 }

@@ -104,8 +104,8 @@ fn twenty_faults_are_reported_within_a_second_and_end_within_two() {
         ("motor stands", |faults| faults.motor_stopped = true),
         ("motor slow", |faults| faults.motor_slow = true),
         ("device hangs", |faults| faults.hangs = true),
-        ("hangs, and the line is noisy", |faults| (faults.hangs, faults.noise_per_mille) = (true, 500)),
-        ("noise, every other byte", |faults| faults.noise_per_mille = 500),
+        ("hangs, and the line is noisy", |faults| (faults.hangs, faults.noise_ppm) = (true, 500_000)),
+        ("noise, every other byte", |faults| faults.noise_ppm = 500_000),
     ];
     for (name, set) in own {
         bench.suffers(name, set);

@@ -273,7 +273,7 @@ fn what_is_wrong_with_a_device_is_a_fault_of_its_name_and_its_status() {
     let mut rig = Rig::new(devices());
     rig.run(3000);
     rig.log.clear();
-    rig.faults("serial").noise_per_mille = 20;
+    rig.faults("serial").noise_ppm = 20_000;
     rig.faults("can").frozen = true;
     rig.faults("chip").uncalibrated = true;
     rig.faults("second").acceleration_excess = -0.9;
