@@ -358,7 +358,8 @@ fn a_base_turns_on_the_spot_where_only_the_polygon_can() {
     let shape = kinematics::Shape::hull(&(0..24).map(corner).collect::<Vec<_>>()).expect("an outline");
     let abilities = Abilities { turns: true, ..Abilities::default() };
     let round = Limits { abilities, ..Limits::shaped(shape, 0.3) };
-    let field = room(&[(2.0, 3.6, 8.0, 3.6), (2.0, 4.4, 8.0, 4.4), (8.0, 3.6, 8.0, 4.4)]);
+    let ends = [(2.0, 3.6, 2.0, 4.4), (8.0, 3.6, 8.0, 4.4)];
+    let field = room(&[(2.0, 3.6, 8.0, 3.6), (2.0, 4.4, 8.0, 4.4), ends[0], ends[1]]);
     let (start, goal) = (Pose::new(5.0, 4.0, 0.0), pose_goal(6.0, 4.0, core::f64::consts::PI));
     let path = Search::new(round).plan(&field, start, goal, Budget::default()).map(|path| path.moves().to_vec());
     let path = path.expect("a path");
@@ -393,10 +394,10 @@ fn the_check_of_a_polygon_equals_a_test_of_each_cell() {
             };
             let touches = blocked(0.0);
             assert!(!(seen && touches), "{pose:?} touches");
-            // A cell that touches only between the points is as near as they are to each other.
+            // A cell that touches only between the points penetrates by less than its own size.
             let near =
                 limits.body(0.0, &field).depth(&field, pose.x, pose.y, pose.theta.sin_cos().0, pose.theta.sin_cos().1);
-            assert!(seen || touches || near < 0.015 || near == f64::INFINITY, "{pose:?} is free: {near}");
+            assert!(seen || touches || near < 0.05 || near == f64::INFINITY, "{pose:?} is free: {near}");
             assert!(seen == (near <= 1e-9), "{pose:?}: {near}");
             free += u32::from(seen);
             touching += u32::from(touches);
