@@ -361,7 +361,7 @@ impl Search {
         let Pose { x, y, theta } = self.start;
         let (sin, cos) = theta.sin_cos();
         self.depth = body.depth(field, x, y, sin, cos);
-        if self.depth > body.half_width() {
+        if self.depth > body.depth_max() {
             return self.fail(field, SearchError::StartBlocked);
         }
         let mut pops = REACH_STEPS_MAX;

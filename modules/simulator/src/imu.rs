@@ -127,9 +127,7 @@ impl Imus {
         let usual = Faults::default();
         let (faults, biased, until) = match injected {
             InjectedFault::Silent => (Faults { cut: true, ..usual }, 0.0, until),
-            InjectedFault::Garbled(part) => {
-                (Faults { noise_ppm: parts_per_million(part), ..usual }, 0.0, until)
-            }
+            InjectedFault::Garbled(part) => (Faults { noise_ppm: parts_per_million(part), ..usual }, 0.0, until),
             InjectedFault::Stuck => (Faults { frozen: true, ..usual }, 0.0, until),
             InjectedFault::Wrong => (Faults { acceleration_excess: -0.9, ..usual }, 0.0, until),
             InjectedFault::Biased(by) => (usual, by, until),

@@ -20,6 +20,8 @@ pub(super) const DELAY_MAX: Duration = Duration::from_millis(2);
 pub(super) const QUEUE_AGE: Duration = Duration::from_millis(60);
 /// Time after a fault of a bus in which nodes recover from bus-off, queues drain, and delayed frames arrive.
 const AFTERMATH: Duration = Duration::from_millis(100);
+/// Time within which a driver that is on the bus has sent a frame: two of its heartbeats.
+const SENDS_WITHIN: Duration = Duration::from_millis(100);
 /// Time after a foreign command to a drive, or a fault of it, in which it is stopped or booted again.
 const AFTERMATH_OF_COMMAND: Duration = Duration::from_secs(3);
 /// Maximum time for which a controller that went bus-off repeatedly stays off.
@@ -204,6 +206,12 @@ impl Facts {
     /// True if the drives' bus is disturbed, or was so recently that a controller may still be off.
     pub fn was_disturbed(&self, now: Instant) -> bool {
         self.disturbed > Instant::ZERO && now < self.disturbed + BUS_OFF_MAX
+    }
+
+    /// True if the driver's controller may still be off since the bus was disturbed: it sends nothing, and receives
+    /// nothing.
+    pub fn driver_may_be_off(&self, now: Instant) -> bool {
+        self.was_disturbed(now) && now.since(self.sent) > SENDS_WITHIN
     }
 
     /// True if this set-point is a frame that was on the wire when the cable was cut, or when all nodes went bus-off: a

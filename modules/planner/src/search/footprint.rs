@@ -106,7 +106,7 @@ impl Body {
 
     /// A convex polygon with the reference point in it. Its middle is the point of the axis that is farthest from its
     /// edges; the circles cover the rectangle around that point.
-    pub(crate) fn shaped(shape: Shape, field: &Field) -> Self {
+    pub(crate) fn shaped(shape: &Shape, field: &Field) -> Self {
         let (rear, front) = (shape.rear(), shape.front());
         let (mut ahead, mut within) = (0.0, -shape.outside(Point::default()));
         for part in 0..=MIDDLES {
@@ -121,7 +121,7 @@ impl Body {
             Footprint { length_m: 2.0 * half_length, width_m: 2.0 * shape.half_width(), rear_m: half_length - ahead };
         let body = Self::new(rectangle, field);
         let half_diagonal = field.frame().resolution * core::f64::consts::FRAC_1_SQRT_2;
-        Self { inner: (within - half_diagonal) as f32, shape: Some(shape), within, ..body }
+        Self { inner: (within - half_diagonal) as f32, shape: Some(*shape), within, ..body }
     }
 
     /// Distance of the field at the middle.
@@ -279,7 +279,7 @@ impl Body {
     }
 
     /// Penetration from which the robot cannot drive out, m.
-    pub(crate) fn half_width(&self) -> f64 {
+    pub(crate) fn depth_max(&self) -> f64 {
         self.within
     }
 

@@ -77,10 +77,10 @@ pub(crate) struct Margin {
 impl Limits {
     /// Limits of a robot that steers, with this outline and turning radius; all others at their defaults.
     #[must_use]
-    pub fn shaped(shape: Shape, radius_m: f64) -> Self {
+    pub fn shaped(shape: &Shape, radius_m: f64) -> Self {
         let length_m = shape.front() - shape.rear();
         let footprint = Footprint { length_m, width_m: 2.0 * shape.half_width(), rear_m: -shape.rear() };
-        Self { shape: Some(shape), ..Self::new(footprint, radius_m) }
+        Self { shape: Some(*shape), ..Self::new(footprint, radius_m) }
     }
 
     /// True if no occupied cell touches the outline, and all of it is on the map.
@@ -88,7 +88,7 @@ impl Limits {
     pub fn is_free(&self, field: &Field, pose: Pose) -> bool {
         let (sin, cos) = pose.theta.sin_cos();
         match self.shape {
-            Some(shape) => Body::shaped(shape, field).is_free(field, pose.x, pose.y, sin, cos),
+            Some(shape) => Body::shaped(&shape, field).is_free(field, pose.x, pose.y, sin, cos),
             None => self.footprint.is_free(field, pose),
         }
     }
@@ -102,7 +102,7 @@ impl Limits {
     /// The outline with a margin, for checks on a field.
     pub(crate) fn body(&self, margin_m: f64, field: &Field) -> Body {
         match self.shape {
-            Some(shape) => Body::shaped(shape.grown(margin_m), field),
+            Some(shape) => Body::shaped(&shape.grown(margin_m), field),
             None => Body::new(self.footprint.grown(margin_m), field),
         }
     }

@@ -322,7 +322,7 @@ fn the_footprint_check_equals_a_test_of_each_cell() {
 fn to_the_right() -> Limits {
     let corners = [(0.3, -0.25), (0.5, -0.1), (0.3, 0.1), (-0.15, 0.1), (-0.15, -0.25)];
     let shape = kinematics::Shape::hull(&corners.map(|(x, y)| navitools::Point { x, y })).expect("an outline");
-    Limits::shaped(shape, 0.4)
+    Limits::shaped(&shape, 0.4)
 }
 
 #[test]
@@ -357,7 +357,7 @@ fn a_base_turns_on_the_spot_where_only_the_polygon_can() {
     };
     let shape = kinematics::Shape::hull(&(0..24).map(corner).collect::<Vec<_>>()).expect("an outline");
     let abilities = Abilities { turns: true, ..Abilities::default() };
-    let round = Limits { abilities, ..Limits::shaped(shape, 0.3) };
+    let round = Limits { abilities, ..Limits::shaped(&shape, 0.3) };
     let ends = [(2.0, 3.6, 2.0, 4.4), (8.0, 3.6, 8.0, 4.4)];
     let field = room(&[(2.0, 3.6, 8.0, 3.6), (2.0, 4.4, 8.0, 4.4), ends[0], ends[1]]);
     let (start, goal) = (Pose::new(5.0, 4.0, 0.0), pose_goal(6.0, 4.0, core::f64::consts::PI));

@@ -130,4 +130,8 @@ fn another_master_stops_the_robot() {
     check("begin pad 0.4 \n other 000 02 09 \n other 609 40 \n +3 drive 0.4");
     check("begin pad 0.4 \n fault can loss 300 \n other 501 0F 00 64 00 00 00 \n +3 drive 0.4");
     check("begin pad 0.4 \n fault can loss 100 \n other 501 0F 00 64 00 00 00 \n +300 say pad 0.4 \n drive 0.4");
+    // A driver whose controller has not come back does not receive it; one that sends does.
+    let after = "begin pad 0.4 \n fault can bus_off 100 \n +400 other 501 0F 00 64 00 00 00 \n +300 say pad 0.4";
+    check(&format!("quiet propulsion \n quiet steering \n {after} \n drive 0.4"));
+    check(&format!("{after} \n drive 0.4 ! rival"));
 }
