@@ -235,7 +235,7 @@ impl Robot {
             .suited(&wheels, &lines, |target, fault| (has(target) || is_due(target)) && can_have(target, fault));
         let is_absent = |target: &String| is_other && !has(target);
         let without = without.into_iter().filter(is_absent).collect();
-        let scenario = Scenario { operator: behaviour(&place, scenario.operator)?, ..scenario };
+        let scenario = Scenario { operator: behaviour(&place, &scenario.operator)?, ..scenario };
         let config = config::Config::load(&place.config, place.sim, &place.sets)?;
         let run = config.modules.iter().filter(|module| module.name() != logger::NAME);
         let mut modules: Vec<String> = run.map(|module| module.name().to_owned()).collect();
@@ -528,11 +528,11 @@ fn machine(place: &RobotLocation, config: host::Config, inputs: &Inputs) -> Resu
 }
 
 /// The operator knows the robot.
-fn behaviour(place: &RobotLocation, operator: Behaviour) -> Result<Behaviour, ConfigError> {
+fn behaviour(place: &RobotLocation, operator: &Behaviour) -> Result<Behaviour, ConfigError> {
     let config = config::Config::load(&place.config, true, &place.sets)?;
     let geometry = &config.robot.geometry;
     let body = (geometry.rear_m(), geometry.front_m(), geometry.width_m() / 2.0);
-    Ok(Behaviour { wheelbase: geometry.wheelbase_m, body, shape: geometry.footprint().copied(), ..operator })
+    Ok(Behaviour { wheelbase: geometry.wheelbase_m, body, shape: geometry.footprint().copied(), ..*operator })
 }
 
 /// The first that exists: in a checkout, or beside the configuration.

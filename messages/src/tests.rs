@@ -33,7 +33,7 @@ fn no_two_types_can_be_mistaken_for_each_other() {
             panic!("{name} and {other} have the same members");
         }
     }
-    assert_eq!(known.len(), 85);
+    assert_eq!(known.len(), 87);
 }
 
 #[test]

@@ -185,7 +185,9 @@ mod tests {
     fn wheels_of_a_base_that_steers_are_where_it_has_them() {
         let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/advee");
         let wheels = |sets: &[&str]| {
-            let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
+            // The steered wheel is behind the axle, and within the outline.
+            let sets = sets.iter().chain(&["geometry.rear_overhang_m=0.75"]);
+            let sets: Vec<String> = sets.map(|set| (*set).to_owned()).collect();
             let robot = Config::load(&config, true, &sets).unwrap().robot;
             let wheel = |wheel: Wheel| {
                 let steered = wheel.steering.map(|steering| steering.x);

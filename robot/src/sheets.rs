@@ -46,7 +46,10 @@ fn missing(place: &RobotLocation, (bus, n): (&str, usize), path: &Path) -> Confi
     });
     let what = format!("can.{bus}.nodes[{n}].eds = {:?}", path.display().to_string());
     let at = line.map_or_else(|| what.clone(), |line| format!("{line}: {what}"));
-    ConfigError(vec![format!("{at}: expected a data sheet: there is no file {}", place.config.join(path).display())])
+    ConfigError(vec![format!(
+        "{at}: expected a data sheet: {}: there is no such file",
+        place.config.join(path).display()
+    )])
 }
 
 /// The text of each sheet by which a drive of the bus is driven, and its file.

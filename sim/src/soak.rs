@@ -158,7 +158,7 @@ pub fn episode(stage: &Stage<'_>, number: u64, faults: &[Fault], make: &mut Make
     let machine = make(config)?;
     let watch = Rc::new(RefCell::new(Watch {
         checkers: Checkers::new(stage.limits.clone()).in_world(stage.world),
-        operator: Operator::new(scenario.operator, stage.limits, stage.world, seed),
+        operator: Operator::new(&scenario.operator, stage.limits, stage.world, seed),
         meter: Meter::new(stage.limits.clone()),
         clearance: f64::INFINITY,
         homed: false,

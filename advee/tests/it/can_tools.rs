@@ -46,19 +46,19 @@ fn nodes() -> Vec<Node> {
 
 /// A controller that is no node of CANopen.
 enum Controller {
-    Odrive(odrive::device::Device),
+    Odrive(Box<odrive::device::Device>),
     /// With its id where it sends its status.
-    Vesc(vesc::device::Device<vesc::can::Link>, Option<u8>),
+    Vesc(Box<vesc::device::Device<vesc::can::Link>>, Option<u8>),
 }
 
 impl Controller {
     fn odrive(node: u8) -> Self {
-        Self::Odrive(odrive::device::Device::new(odrive::Device { node, ..odrive::Device::EXAMPLE }))
+        Self::Odrive(Box::new(odrive::device::Device::new(odrive::Device { node, ..odrive::Device::EXAMPLE })))
     }
 
     fn vesc(id: u8, sends_status: bool) -> Self {
         let device = vesc::Device { id, ..vesc::Device::EXAMPLE };
-        Self::Vesc(vesc::device::Device::new(device, vesc::can::Link::device(id)), sends_status.then_some(id))
+        Self::Vesc(Box::new(vesc::device::Device::new(device, vesc::can::Link::device(id))), sends_status.then_some(id))
     }
 
     fn serve(&mut self, now: Instant, received: &[Frame], sends_status: bool) -> Vec<Frame> {

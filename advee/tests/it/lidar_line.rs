@@ -132,7 +132,8 @@ fn reports(view: &View, ended: bool) -> usize {
     view.errors.iter().filter(is_it).count()
 }
 
-/// While it drives something happens to the line: it stops, and reports that the lidar is lost; afterwards it drives on.
+/// While it drives something happens to the line: it stops, and reports that the lidar is lost; afterwards it drives
+/// on.
 fn stops_while(robot: &mut Robot, begin: impl FnOnce(), end: impl FnOnce()) {
     robot.until("it drives", 20.0, |view| view.speed() > MOVES);
     let [lost, ended] = [false, true].map(|ended| reports(&robot.view, ended));

@@ -35,7 +35,7 @@ pub fn answer_data(protocol: &Protocol, answer: &Answer, values: &[(Place, f64)]
     let mut data = Bytes::new();
     put(&mut data, 0, prefix.as_slice(), filler);
     let mut order: Vec<&(Place, f64), VALUES_MAX> = values.iter().take(VALUES_MAX).collect();
-    order.sort_unstable_by_key(|(place, _)| (place.after.len() > 0, place.at));
+    order.sort_unstable_by_key(|(place, _)| (!place.after.is_empty(), place.at));
     for (place, value) in order {
         // A mark that the prefix has already is not repeated.
         let marked = data.windows(place.after.len().max(1)).position(|window| window == place.after.as_slice());

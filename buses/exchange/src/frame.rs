@@ -113,7 +113,7 @@ impl Protocol {
 impl Expected {
     /// Bytes of the answer; `None` if that is not known before.
     #[must_use]
-    pub fn len(&self) -> Option<usize> {
+    pub(crate) fn length(&self) -> Option<usize> {
         match &self.shape {
             Shape::Frame(frame, _) => Some(frame.len()),
             Shape::Data { length, .. } => *length,
@@ -159,7 +159,7 @@ impl Expected {
     fn data_of(&self, rx: &[u8], prefix: &Octets, suffix: &Octets, end: &Octets) -> Option<usize> {
         let checked = rx.strip_suffix(end.as_slice())?;
         // An end in the middle: more than one answer.
-        if self.len().is_none() && checked.windows(end.len().max(1)).any(|window| window == end.as_slice()) {
+        if self.length().is_none() && checked.windows(end.len().max(1)).any(|window| window == end.as_slice()) {
             return None;
         }
         let (data, check) = checked.split_at_checked(checked.len().checked_sub(self.check.len())?)?;

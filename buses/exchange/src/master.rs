@@ -307,7 +307,7 @@ impl Master {
         if now < self.free {
             return None;
         }
-        let (sent, length) = (config.time_of(current.frame.len()), current.expected.len());
+        let (sent, length) = (config.time_of(current.frame.len()), current.expected.length());
         let until = now + sent + config.time_of(length.unwrap_or_default()) + config.time_limit;
         let last = match length {
             Some(_) => until,

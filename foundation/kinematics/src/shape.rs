@@ -22,8 +22,8 @@ impl fmt::Debug for Shape {
 }
 
 impl Shape {
-    /// Convex hull of points; `None` if it has no area or more than [`SHAPE_CORNERS_MAX`] corners, or if a coordinate is
-    /// not a number.
+    /// Convex hull of points; `None` if it has no area or more than [`SHAPE_CORNERS_MAX`] corners, or if a coordinate
+    /// is not a number.
     #[must_use]
     pub fn hull(points: &[Point]) -> Option<Self> {
         Self::of(Polygon::hull(points)?.corners())

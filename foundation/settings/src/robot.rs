@@ -14,8 +14,8 @@ const SIDE: RangeInclusive<f64> = 0.1..=10.0;
 const OVERHANG: RangeInclusive<f64> = 0.0..=5.0;
 
 settings! {
-    /// `[geometry]`: measures of the robot. Its outline is a rectangle, by `length_m`, `width_m` and `rear_overhang_m`, or
-    /// a convex polygon, `footprint_m`.
+    /// `[geometry]`: measures of the robot. Its outline is a rectangle, by `length_m`, `width_m` and
+    /// `rear_overhang_m`, or a convex polygon, `footprint_m`.
     #[derive(Clone, Copy, Debug, PartialEq)]
     pub struct Geometry {
         /// Rear axle to front axle; of a base that steers: fixed to steered axle, whichever is in front.
@@ -30,8 +30,8 @@ settings! {
         width_m: Option<f64> = optional, SIDE;
         /// Rear axle to rear bumper, at most `length_m`; required without `footprint_m`.
         rear_overhang_m: Option<f64> = optional, OVERHANG;
-        /// The outline as a polygon in the robot's frame, in place of the three measures above, with the reference point
-        /// and the contact points of the wheels in it. Of a concave one the convex hull is used.
+        /// The outline as a polygon in the robot's frame, in place of the three measures above, with the reference
+        /// point and the contact points of the wheels in it. Of a concave one the convex hull is used.
         footprint_m: Option<Footprint> = optional, Outline;
         /// Counts of a front wheel's encoder per turn.
         ticks_per_turn: u32 = required, 1..=1_000_000;

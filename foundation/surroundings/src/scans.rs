@@ -35,8 +35,8 @@ const LEG_SPACING_M: f64 = 0.07 / 3.0;
 const BESIDE_MAX: usize = 8;
 /// Longest time between two revolutions for which somebody walks, s.
 const TURN_MAX_S: f64 = 0.2;
-/// Ages, in revolutions, of what is compared with a finding. Who crosses the direction in which a revolution ends is met
-/// twice in one, or in none: neither counts as two in succession, nor as one that missed it.
+/// Ages, in revolutions, of what is compared with a finding. Who crosses the direction in which a revolution ends is
+/// met twice in one, or in none: neither counts as two in succession, nor as one that missed it.
 const EARLIER: (f64, f64) = (0.5, 1.5);
 /// Revolutions in which something of that age is: the present one, and two before it.
 const EARLIER_TURNS: usize = 3;

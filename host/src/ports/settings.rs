@@ -186,8 +186,8 @@ settings! {
         address: Option<SocketAddr> = optional, Parsed(
             |text| text.parse().ok(), r#""ADDRESS:PORT""#, "192.168.0.5:502"
         );
-        /// RTU: simulation with a device file as `port`: the other end, a device file wired to it, or a relative path of
-        /// a pseudo-terminal. Absent: the simulator makes `port` itself.
+        /// RTU: simulation with a device file as `port`: the other end, a device file wired to it, or a relative path
+        /// of a pseudo-terminal. Absent: the simulator makes `port` itself.
         simulated_at: Option<PathBuf> = optional;
         /// RTU: any rate that the port can make.
         baud: u32 = 19_200, 1200..=4_000_000;
@@ -292,8 +292,8 @@ settings! {
         address: Option<SocketAddr> = optional, Parsed(
             |text| text.parse().ok(), r#""ADDRESS:PORT""#, "192.168.0.1:2111"
         );
-        /// Serial: simulation with a device file as `port`: the other end, a device file wired to it, or a relative path
-        /// of a pseudo-terminal. Absent: the simulator makes `port` itself.
+        /// Serial: simulation with a device file as `port`: the other end, a device file wired to it, or a relative
+        /// path of a pseudo-terminal. Absent: the simulator makes `port` itself.
         simulated_at: Option<PathBuf> = optional;
         /// Serial: rate. Absent: the usual one of the model.
         baud: Option<u32> = optional, 1200..=4_000_000;
@@ -373,8 +373,8 @@ settings! {
         /// I2C, CAN: the bus that the device is on, `"i2c.main"` for `[i2c.main]`, `"can.main"` for `[can.main]`. Other
         /// devices may be on it.
         bus: Option<String> = optional;
-        /// Serial: simulation with a device file as `port`: the other end, a device file wired to it, or a relative path
-        /// of a pseudo-terminal. Absent: the simulator makes `port` itself.
+        /// Serial: simulation with a device file as `port`: the other end, a device file wired to it, or a relative
+        /// path of a pseudo-terminal. Absent: the simulator makes `port` itself.
         simulated_at: Option<PathBuf> = optional;
         /// Serial: rate.
         baud: u32 = 115_200, 1200..=4_000_000;

@@ -1,5 +1,5 @@
-//! Inputs and outputs by name: devices on Modbus and other serial lines, GPIO lines of the computer, switches on 1-Wire, power channels,
-//! CANopen devices.
+//! Inputs and outputs by name: devices on Modbus and other serial lines, GPIO lines of the computer, switches on
+//! 1-Wire, power channels, CANopen devices.
 //!
 //! Devices   by table, `[io]` of robot.toml (`docs/io.md`)
 //! Protocol  Modbus RTU and TCP, `modbus`: one request at a time on each line; GPIO lines: one call at a time;
@@ -26,6 +26,7 @@ mod config;
 mod devices;
 mod gpio;
 mod indicator;
+mod output;
 mod pattern;
 mod polled;
 mod serial;
@@ -40,8 +41,8 @@ use bus::Bus;
 pub use canopen::{Canopen, CanopenKeys, Format, ObjectKeys, ObjectKind, ObjectPlace};
 use channels::PowerOutput;
 pub use config::{
-    BatteryKeys, Config, ConfigError, Gpio, GpioKeys, Modbus, ModbusKeys, OutputKeys, PowerKeys, SHOWS_MAX,
-    SIGNALS_MAX, ShowKeys, Shows, SignalKeys, SwitchKeys,
+    BatteryKeys, Config, ConfigError, Gpio, GpioKeys, Modbus, ModbusKeys, PowerKeys, SHOWS_MAX, SIGNALS_MAX, ShowKeys,
+    Shows, SignalKeys, SwitchKeys,
 };
 use devices::Devices;
 use gpio::GpioLine;
@@ -49,6 +50,7 @@ use indicator::Indicator;
 use messages::lowlevel::{CmdOutput, DataIo};
 use messages::{Channel, Message};
 use module::{Actions, Event, Input, Module, PortId, PortSpec, State};
+pub use output::OutputKeys;
 pub use pattern::Pattern;
 pub use serial::{FieldKeys, RequestKeys, Serial, SerialKeys};
 use signal::Signal;

@@ -1,5 +1,5 @@
-//! Devices of inputs and outputs: on Modbus and other serial lines, and GPIO lines. Inputs keep the values that they are given, outputs
-//! what is written.
+//! Devices of inputs and outputs: on Modbus and other serial lines, and GPIO lines. Inputs keep the values that they
+//! are given, outputs what is written.
 
 use crate::faults::InjectedFault;
 use base::gpio::Signal;
@@ -131,7 +131,7 @@ impl Computer {
 /// The other end of a line.
 #[derive(Debug)]
 enum Twin {
-    Modbus(Device),
+    Modbus(Box<Device>),
     Exchange(Box<exchange::device::Device>),
 }
 
@@ -186,7 +186,7 @@ impl Io {
         computers: &[ComputerConfig],
     ) -> Self {
         let registers = |config: &ModbusConfig| {
-            let devices = config.devices.iter().map(|device| Twin::Modbus(emulated(config.line, device)));
+            let devices = config.devices.iter().map(|device| Twin::Modbus(Box::new(emulated(config.line, device))));
             SerialLine::new(&config.bus, devices.collect())
         };
         let answering = |config: &ExchangeConfig| SerialLine::new(&config.bus, vec![Twin::Exchange(twin(config))]);

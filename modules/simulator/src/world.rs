@@ -466,8 +466,8 @@ impl World {
         least.max(0.0)
     }
 
-    /// The distance, m, between the nearest wall or column and a shape in the frame of `pose`; 0 when they touch, infinite
-    /// in an empty world.
+    /// The distance, m, between the nearest wall or column and a shape in the frame of `pose`; 0 when they touch,
+    /// infinite in an empty world.
     #[must_use]
     pub fn clearance_of_shape(&self, pose: Pose, shape: &Shape) -> f64 {
         let inner = pose.inverse().to_outer();

@@ -885,7 +885,8 @@ impl Robot {
     /// No source is permitted more than the robot. A `speed_mps` of the command line bounds all of them for a run.
     fn check_speeds(&self, table: &Table<'_>) {
         let most = self.limits.speed_mps;
-        let Some(table) = table.below("limits").filter(|table| !table.is_set("speed_mps")) else { return };
+        let is_known = |table: &Table<'_>| !table.is_set("speed_mps") && table.is_good("speed_mps");
+        let Some(table) = table.below("limits").filter(is_known) else { return };
         let sources = [
             ("speed_manual_mps", self.limits.speed_manual_mps),
             ("speed_autonomous_mps", self.limits.speed_autonomous_mps),

@@ -168,7 +168,8 @@ fn an_outline_that_no_robot_has_is_refused() {
     polygon("[[11, 0], [-1, 0], [0, 1]]", "[0] = [2 items]: expected two numbers from -10 to 10: x, y");
     polygon(
         "[[1, 1], [-1, -1], [1, -1], [-1, 1]]",
-        " = [4 items]: expected corners one after the other around the polygon: the edge from [0] meets the one from [2]",
+        " = [4 items]: expected corners one after the other around the polygon: the edge from [0] meets the one from \
+         [2]",
     );
     polygon(
         "[[0.1, 0.3], [0.9, 0.3], [0.9, -0.3], [0.1, -0.3]]",
@@ -252,6 +253,9 @@ fn a_base_that_steers_has_a_kind_an_end_and_a_driven_wheel() {
     use settings::robot::{End, Traction};
     let with = |base: &str| {
         let robot = ROBOT.replacen("[limits]", &format!("[base]\n{base}\n[limits]"), 1);
+        // Wheels behind the axle are within the outline, too.
+        let overhang = if base.contains("\"rear\"") { "rear_overhang_m = 0.75" } else { "rear_overhang_m = 0.15" };
+        let robot = robot.replacen("rear_overhang_m = 0.15", overhang, 1);
         load(&robot, "", &[], MODULES).map(|config| config.robot)
     };
     let of = |base: &str| {

@@ -1,6 +1,6 @@
 //! The PAUSE line stops the robot (docs/design.md, section 4): no set-point leaves later than 20 ms after the driver
-//! was served that the line is engaged, and the body's speed never rises, unless it touches something, which may hold it
-//! and let it go before its wheels stand. If the robot has such a line, no set-point
+//! was served that the line is engaged, and the body's speed never rises, unless it touches something, which may hold
+//! it and let it go before its wheels stand. If the robot has such a line, no set-point
 //! leaves before its first report, nor 1.2 s after its last one; the same holds for a lidar's fields and an input of a
 //! module that stop the robot, within 0.5 s.
 

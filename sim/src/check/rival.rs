@@ -25,7 +25,8 @@ impl Rule {
             let undisturbed = facts.driver.ill(now);
             let known = |(first, last): &(Instant, Instant)| now.since(*last) < STANDS_MIN && *first > undisturbed;
             let first = self.commands.filter(known).map_or(now, |(first, _)| first);
-            // What is sent on a disturbed bus may reach nobody, and a driver whose controller is off does not receive it.
+            // What is sent on a disturbed bus may reach nobody, and a driver whose controller is off does not receive
+            // it.
             let reaches = !facts.is_disturbed(now) && !facts.driver_may_be_off(now);
             self.commands = Some((first, now)).filter(|_| reaches);
         }

@@ -172,14 +172,14 @@ impl fmt::Display for Operator {
 }
 
 impl Operator {
-    pub fn new(behaviour: Behaviour, limits: &Limits, world: &World, seed: u64) -> Self {
+    pub fn new(behaviour: &Behaviour, limits: &Limits, world: &World, seed: u64) -> Self {
         let base = limits.base.as_ref().map(|base| (base.chassis.clone(), limits.rotation));
         Self::of_base(behaviour, base, limits.power.is_some(), world, seed)
     }
 
-    fn of_base(behaviour: Behaviour, base: Option<(Chassis, f64)>, has_line: bool, world: &World, seed: u64) -> Self {
+    fn of_base(behaviour: &Behaviour, base: Option<(Chassis, f64)>, has_line: bool, world: &World, seed: u64) -> Self {
         Self {
-            behaviour,
+            behaviour: *behaviour,
             base,
             has_line,
             last: Leg::Curve(0.0, 0.0),
@@ -595,7 +595,7 @@ mod tests {
         let behaviour = Behaviour { wheelbase: 0.3, body: (0.35, 0.35, 0.25), ..Behaviour::default() };
         let wheel = kinematics::Limits { speed_mps: 0.8, acceleration_mps2: 0.5, deceleration_mps2: 0.8 };
         let chassis = Chassis::differential(0.42, wheel).expect("a track of 0.42 m");
-        let mut operator = Operator::of_base(behaviour, Some((chassis, 1.2)), false, &world, seed);
+        let mut operator = Operator::of_base(&behaviour, Some((chassis, 1.2)), false, &world, seed);
         let sender = Sender { way: Way::Memory, process: None };
         let (mut x, mut command) = (0.0, Twist::ZERO);
         for tick in 0..2000 {

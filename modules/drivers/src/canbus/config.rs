@@ -55,8 +55,8 @@ settings! {
         /// Electronic data sheet, beside `robot.toml`: `cia402` drives by it; it must agree with another driver,
         /// and names objects in `advee can`. Absent: the sheet that is built in.
         eds: Option<PathBuf> = None, Blank;
-        /// Greatest speed of the motor that motor and gear can bear. Limits of the robot that demand more with this gear
-        /// are refused. Absent: not checked.
+        /// Greatest speed of the motor that motor and gear can bear. Limits of the robot that demand more with this
+        /// gear are refused. Absent: not checked.
         motor_rpm_max: Option<f64> = optional, 1.0..=1e6;
         /// The sheet of a drive that is driven by it.
         sheet: Option<Arc<Eds>> = unset None;

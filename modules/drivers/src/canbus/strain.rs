@@ -1,17 +1,19 @@
-//! Wheels that work against each other: forces of the motors that cancel each other through the floor, and move nothing.
+//! Wheels that work against each other: forces of the motors that cancel each other through the floor, and move
+//! nothing.
 //!
 //! Of a base with more wheels than motions a wheel that is to turn too fast may be held by the others: all speeds are
 //! as commanded, and only the torques show it ([`Chassis::strain`](kinematics::Chassis)). Forces that accelerate, turn
 //! or hold the robot have no such part, however great they are. Some is there in health, too: wheels differ in
 //! diameter, friction and grip.
 //!
-//! Judged      while all wheels are to drive, at least one at [`TURNS_MPS`], each has its speed, and the set-points have
-//!             not changed for [`SETTLED`]. Motors that are blocked, pushed or at their limit show it by their speeds,
-//!             which others judge. On a ramp each drive follows its next set-point by a ramp of its own, and is there
-//!             sooner or later than the others; at low speed wheels creep too little to make up for the resolution of
-//!             their drives
-//! Witness     the torque of each wheel, in a PDO and not older than a few of its periods, and the rated torque. A drive
-//!             without them is reported at the start, one that falls silent when the robot drives; neither stops it
+//! Judged      while all wheels are to drive, at least one at [`TURNS_MPS`], each has its speed, and the set-points
+//! have             not changed for [`SETTLED`]. Motors that are blocked, pushed or at their limit show it by their
+//! speeds,             which others judge. On a ramp each drive follows its next set-point by a ramp of its own, and
+//! is there             sooner or later than the others; at low speed wheels creep too little to make up for the
+//! resolution of             their drives
+//! Witness     the torque of each wheel, in a PDO and not older than a few of its periods, and the rated torque. A
+//! drive             without them is reported at the start, one that falls silent when the robot drives; neither
+//! stops it
 
 use super::Canbus;
 use super::propulsion::Propulsion;
@@ -209,7 +211,8 @@ mod tests {
     fn a_body_that_gains_speed_turns_or_climbs_is_not_strained() {
         let ahead = Twist::new(0.4, 0.0, 0.0);
         for (push, motion) in [
-            // 95 kg at 0.5 m/s²; a slope of 10 %; braking; to the side; on the spot; all at once, and a person who pushes.
+            // 95 kg at 0.5 m/s²; a slope of 10 %; braking; to the side; on the spot; all at once, and a person who
+            // pushes.
             (Twist::new(12.0, 0.0, 0.0), ahead),
             (Twist::new(25.0, 0.0, 0.0), ahead),
             (Twist::new(-19.0, 0.0, 0.0), ahead),

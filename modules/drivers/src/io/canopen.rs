@@ -1,7 +1,7 @@
 //! Inputs and outputs of CANopen devices: their keys, and what a value is on the wire. `driver_canbus`, the master of
 //! their bus, serves them (`canbus::devices`); this module names, publishes and commands them.
 
-use super::config::OutputKeys;
+use super::output::OutputKeys;
 use base::Duration;
 use settings::{Choice, Table, settings};
 

@@ -1,7 +1,7 @@
 //! Devices with simple request and answer on a serial line: their keys, and what is a mistake in them. What is sent and
 //! taken by them: `polled`.
 
-use super::config::OutputKeys;
+use super::output::OutputKeys;
 use base::Duration;
 use exchange::check::{Check, Method};
 use exchange::device::{REQUESTS_MAX, VALUES_MAX};

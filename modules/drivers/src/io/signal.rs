@@ -1,8 +1,9 @@
 //! A signal: its value, how old that is, and of an output what is wanted.
 
 use super::canopen::ObjectPlace;
-use super::config::{Config, ConfigError, OutputKeys, SIGNALS_MAX};
+use super::config::{Config, ConfigError, SIGNALS_MAX};
 use super::gpio;
+use super::output::OutputKeys;
 use base::{Duration, Instant, earliest};
 use exchange::value::Place as Field;
 use messages::lowlevel;

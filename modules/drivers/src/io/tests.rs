@@ -3,9 +3,10 @@
 mod serial;
 
 use super::config::{
-    BatteryKeys, Config, ConfigError, Gpio, GpioKeys, Modbus, ModbusKeys, OutputKeys, PowerKeys, ShowKeys, Shows,
-    SignalKeys, SwitchKeys,
+    BatteryKeys, Config, ConfigError, Gpio, GpioKeys, Modbus, ModbusKeys, PowerKeys, ShowKeys, Shows, SignalKeys,
+    SwitchKeys,
 };
+use super::output::OutputKeys;
 use super::{Io, NAME, Pattern, Situation};
 use base::gpio::{Bias, LineId, Signal as Wire};
 use base::serial::Word;

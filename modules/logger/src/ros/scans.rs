@@ -1,6 +1,6 @@
 //! `LL_DATA_SCAN` as `sensor_msgs/LaserScan`: the sectors of a revolution, put together in the order in which they were
-//! measured. A lidar that turns clockwise has a negative `angle_increment`. What a lidar with a fault did not receive is
-//! not measured there (NaN): `LaserScan` has no status, and to its readers `+inf` is free.
+//! measured. A lidar that turns clockwise has a negative `angle_increment`. What a lidar with a fault did not receive
+//! is not measured there (NaN): `LaserScan` has no status, and to its readers `+inf` is free.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;

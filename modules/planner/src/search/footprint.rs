@@ -366,8 +366,8 @@ fn is_free_exactly(shape: &Shape, field: &Field, at: Sample) -> bool {
     true
 }
 
-/// Largest penetration of an occupied cell into the shape, m, by the separating axis test; 0 if free; infinite if part of
-/// it is off the map.
+/// Largest penetration of an occupied cell into the shape, m, by the separating axis test; 0 if free; infinite if
+/// part of it is off the map.
 fn depth(shape: &Shape, field: &Field, at: Sample) -> f64 {
     let frame = field.frame();
     let edges = edges(shape, at);

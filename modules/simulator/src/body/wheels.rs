@@ -7,8 +7,8 @@
 //!
 //! Of a base with more wheels than motions the demands may contradict each other, by the resolution of a velocity
 //! object alone. A wheel that transmits a force rolls more than the floor passes under it, in proportion to both
-//! ([`Errors::slip`](super::Errors)): by that the contradiction becomes a force that the motors have against each other,
-//! and without slip it is all that they can. The force that moves the base is not changed by it.
+//! ([`Errors::slip`](super::Errors)): by that the contradiction becomes a force that the motors have against each
+//! other, and without slip it is all that they can. The force that moves the base is not changed by it.
 
 use super::{DT, Demand, GRAVITY, Parameters};
 use crate::random::Random;

@@ -76,7 +76,8 @@ impl Scale {
     }
 }
 
-/// The units, exact and as the engine needs them, and the turns of the motor per m or rad between. What was taken from the sheet is compared at boot-up.
+/// The units, exact and as the engine needs them, and the turns of the motor per m or rad between. What was taken
+/// from the sheet is compared at boot-up.
 pub(super) fn units(draft: &mut Draft<'_>) -> Result<(Scale, f64, Units), Refusal> {
     let scale = scale(draft)?;
     let gear = match draft.description.gear {
