@@ -121,8 +121,8 @@ mod tests {
         let found = problems(&place(folder.clone(), false));
         let folder_text = folder.display();
         let expected = format!(
-            "{folder_text}/robot.toml:{line}: can.main.nodes[0].eds = \"wheel.eds\": expected a data sheet: there is \
-             no file {folder_text}/wheel.eds"
+            "{folder_text}/robot.toml:{line}: can.main.nodes[0].eds = \"wheel.eds\": expected a data sheet: \
+             {folder_text}/wheel.eds: there is no such file"
         );
         assert!(found.contains(&expected), "{expected}\n{found:#?}");
         std::fs::remove_dir_all(folder).unwrap();

@@ -275,10 +275,13 @@ fn a_base_that_steers_has_a_kind_an_end_and_a_driven_wheel() {
     assert_eq!(of("kind = \"bicycle\"\ndriven = \"fixed\""), (End::Front, true, true, axle));
 
     let refused = |base: &str, expected: &str| assert_eq!(with(base).unwrap_err(), [expected]);
-    refused(
-        "kind = \"tricycle\"\ndriven_left_m = 0.7",
-        "robot.toml:13: base.driven_left_m = 0.7: expected at most 0.686 either way: in the narrowest curve by \
-         limits.steering_rad the wheel would be at its centre, or turn the other way",
+    assert_eq!(
+        with("kind = \"tricycle\"\ndriven_left_m = 0.7").unwrap_err(),
+        [
+            "robot.toml:8: geometry.width_m = 0.6: expected at least 1.400: a wheel is at [0.000, 0.700]",
+            "robot.toml:13: base.driven_left_m = 0.7: expected at most 0.686 either way: in the narrowest curve by \
+             limits.steering_rad the wheel would be at its centre, or turn the other way",
+        ]
     );
     refused(
         "kind = \"tricycle\"\ndriven_left_m = 0.2\ndriven = \"steered\"",
