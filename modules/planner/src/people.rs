@@ -499,8 +499,7 @@ mod tests {
     #[test]
     fn a_track_has_one_number_from_its_confirmation_on_and_no_other_has_it() {
         let mut people = People::default();
-        let mut known = 0;
-        for _ in 0..2 {
+        for known in 0..2 {
             let mut now = Instant::from_millis(10_000);
             for n in 0..20 {
                 now += Duration::from_millis(250);
@@ -512,7 +511,6 @@ mod tests {
             }
             let ids: Vec<i32> = people.around(now).map(|person| person.id).filter(|id| *id != 0).collect();
             assert_eq!(ids, [known + 1]);
-            known += 1;
             people.clear();
             assert_eq!(people.around(now).count(), 0);
         }

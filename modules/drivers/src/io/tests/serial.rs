@@ -118,15 +118,21 @@ impl Rig {
     }
 
     fn value(&self, name: &str) -> (f64, bool) {
-        let io = |message| if let &Message::LlDataIo(ref io) = message { Some(io) } else { None };
-        let last: &DataIo = self.published().rev().find_map(io).unwrap();
+        let last: Option<&DataIo> = self.published().rev().find_map(|message| match message {
+            Message::LlDataIo(io) => Some(io),
+            _ => None,
+        });
+        let last = last.unwrap();
         let found = last.signals.iter().find(|signal| signal.name == name).unwrap();
         (found.value, found.valid)
     }
 
     fn bus(&self) -> DataBus {
-        let bus = |message| if let &Message::LlDataBus(ref bus) = message { Some(bus) } else { None };
-        self.published().rev().find_map(bus).unwrap().clone()
+        let last: Option<&DataBus> = self.published().rev().find_map(|message| match message {
+            Message::LlDataBus(bus) => Some(bus),
+            _ => None,
+        });
+        last.unwrap().clone()
     }
 
     fn news(&mut self) -> Vec<String> {
