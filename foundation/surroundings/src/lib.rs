@@ -133,7 +133,7 @@ pub struct Obstacle {
     /// It approaches by itself, or nothing is known of it: a law that allows for people who walk towards the robot
     /// counts it.
     pub approaches: bool,
-    /// It is where nothing was 0.25 s before: a lidar saw through its place then. What came there may be the leg of
+    /// It is nearer than everything that a lidar found in its direction 0.25 s before: what came there may be the leg of
     /// somebody who walks.
     pub moves: bool,
 }

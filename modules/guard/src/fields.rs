@@ -278,12 +278,12 @@ impl<K: Kinematics> Fields<K> {
             let leaves = towards < -LEAVES * gap * libm::hypot(x, y);
             if speed < most && !leaves {
                 most = speed;
+                bound.speed = most / scale;
                 if !matches!(bound.cause, Some(Cause::Stops(_))) {
                     bound.cause = Some(Cause::Slows(*source));
                 }
             }
         }
-        bound.speed = most / scale;
     }
 
     fn bound_on(&self, direction: Direction, paths: &[Twist], obstacles: &[Obstacle], search: &mut Search) -> Bound {
