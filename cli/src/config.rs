@@ -61,21 +61,15 @@ fn check(common: &Common, dir: &Path) -> Result<(), Failed> {
     let sides: &[bool] = if simulated { &[false, true] } else { &[false] };
     // Those of the simulated robot, which comes last, have those of the robot among them.
     let mut notices = Vec::new();
-    let mut filled_m2 = 0.0;
+    let mut remarks = Vec::new();
     for sim in sides {
         let config;
         (config, notices) = Config::load_with_notices(dir, *sim, &common.sets)?;
-        filled_m2 = config.robot.geometry.footprint_m.map_or(0.0, |footprint| footprint.filled_m2);
+        remarks = config.robot.remarks();
         preflight::check(&RobotLocation { config: dir.into(), ..common.place(*sim) }, &config, &World::default())?;
     }
-    if filled_m2 > 0.0 {
-        let of = dir.join("robot.toml");
-        notices.push(format!(
-            "{}: geometry.footprint_m is not convex; the robot keeps its convex hull clear, which has {filled_m2:.3} m² \
-             more",
-            of.display()
-        ));
-    }
+    let file = dir.join("robot.toml");
+    notices.extend(remarks.iter().map(|remark| format!("{}: {remark}", file.display())));
     crate::notice(&notices);
     let of = if simulated { "the robot and the simulated robot" } else { "the robot" };
     print(format_args!("{}: good, for {of}", dir.display()))

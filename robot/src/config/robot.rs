@@ -681,7 +681,6 @@ impl Robot {
         if let Some(geometry) = table.below("geometry") {
             self.geometry.check_wheels(self.base.as_ref().map(|base| (base, &self.limits)), &geometry);
         }
-        self.check_speeds(table);
         self.check_axes(table);
         self.check_lines(table);
         self.check_imus(table);
@@ -882,18 +881,26 @@ impl Robot {
         }
     }
 
-    /// No source is permitted more than the robot. A `speed_mps` of the command line bounds all of them for a run.
-    fn check_speeds(&self, table: &Table<'_>) {
+    /// What is allowed, and may not be meant; for `advee config check`.
+    #[must_use]
+    pub fn remarks(&self) -> Vec<String> {
+        let filled_m2 = self.geometry.footprint_m.map_or(0.0, |footprint| footprint.filled_m2);
+        let hull = (filled_m2 > 0.0).then(|| {
+            format!(
+                "geometry.footprint_m is not convex; the robot keeps its convex hull clear, which has {filled_m2:.3} m² \
+                 more"
+            )
+        });
         let most = self.limits.speed_mps;
-        let is_known = |table: &Table<'_>| !table.is_set("speed_mps") && table.is_good("speed_mps");
-        let Some(table) = table.below("limits").filter(is_known) else { return };
         let sources = [
             ("speed_manual_mps", self.limits.speed_manual_mps),
             ("speed_autonomous_mps", self.limits.speed_autonomous_mps),
         ];
-        for (key, _) in sources.into_iter().filter(|(_, speed)| *speed > most) {
-            table.refuse(key, format_args!("at most limits.speed_mps, {most}"));
-        }
+        let above = sources.into_iter().filter(|(_, speed)| *speed > most);
+        let above = above.map(|(key, speed)| {
+            format!("limits.{key} = {speed} is above limits.speed_mps = {most}: more than that is refused")
+        });
+        hull.into_iter().chain(above).collect()
     }
 
     /// A drive on a CAN bus moves an axis that the base has, and nothing else says what is driven.

@@ -298,15 +298,17 @@ fn a_base_that_steers_has_a_kind_an_end_and_a_driven_wheel() {
 }
 
 #[test]
-fn no_source_is_faster_than_the_robot_unless_it_is_slowed_down_for_a_run() {
+fn what_may_not_be_meant_is_remarked_and_good() {
+    let remarks = |robot: &str| load(robot, "", &[], MODULES).unwrap().robot.remarks();
+    assert!(remarks(ROBOT).is_empty());
     for (key, was) in [("speed_manual_mps", "0.6"), ("speed_autonomous_mps", "0.8")] {
-        let line = ROBOT.lines().position(|line| line.starts_with(key)).unwrap() + 1;
-        let expected = format!("robot.toml:{line}: limits.{key} = 1.3: expected at most limits.speed_mps, 1.2");
-        refused(&format!("{key} = {was}"), &format!("{key} = 1.3"), &[&expected]);
+        let robot = ROBOT.replacen(&format!("{key} = {was}"), &format!("{key} = 1.3"), 1);
+        let expected = format!("limits.{key} = 1.3 is above limits.speed_mps = 1.2: more than that is refused");
+        assert_eq!(remarks(&robot), [expected]);
     }
-    assert!(load(ROBOT, "", &["limits.speed_mps=0.3"], MODULES).is_ok());
-    let set = load(ROBOT, "", &["limits.speed_manual_mps=1.3"], MODULES).unwrap_err();
-    assert_eq!(set, ["--set: limits.speed_manual_mps = 1.3: expected at most limits.speed_mps, 1.2"]);
+    let notched = "[[0.75, 0.3], [0.6, 0], [0.75, -0.3], [-0.1, -0.3], [-0.25, 0], [-0.1, 0.25]]";
+    let found = remarks(&ROBOT.replacen(RECTANGLE, &format!("footprint_m = {notched}\n"), 1));
+    assert!(matches!(&found[..], [hull] if hull.starts_with("geometry.footprint_m is not convex")), "{found:?}");
 }
 
 #[test]
