@@ -9,7 +9,7 @@ listed! {
     /// How a check is computed. Check values of the CRCs: of "123456789", by the catalogue of parametrised CRCs.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub enum Method {
-        /// There is none.
+        /// Frames have no check.
         None => "none",
         /// Sum of the bytes, its low 8 bits.
         Sum8 => "sum8",

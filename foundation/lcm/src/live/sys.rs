@@ -101,7 +101,7 @@ pub fn receive(fd: BorrowedFd<'_>, buffer: &mut [u8], counts: bool, flags: i32) 
     while let Some(&libc::cmsghdr { cmsg_level, cmsg_type, cmsg_len, .. }) = unsafe { message.as_ref() } {
         // SAFETY: numbers from numbers.
         let has = |size| cmsg_len as usize >= unsafe { libc::CMSG_LEN(size as u32) } as usize;
-        // SAFETY: as above; what follows a header of that length are so many bytes.
+        // SAFETY: as above; a header of that length is followed by the bytes that are read.
         unsafe {
             let data = libc::CMSG_DATA(message);
             match (cmsg_level, cmsg_type) {
