@@ -13,3 +13,4 @@ import "./logs";
 import "./everywhere";
 import "./newcomer";
 import "./guard";
+import "./foxglove";
