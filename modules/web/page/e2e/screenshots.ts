@@ -1,5 +1,5 @@
 // The pictures of docs/web.md: each view on a desk and on a phone, of one robot that does the same each time; and those of
-// docs/your-robot.md: the map of each other robot, on its way to a goal. BASES=yes takes the latter alone.
+// docs/your-robot.md: each other robot driven by hand, and its map on the way to a goal. BASES=yes takes the latter alone.
 import { mkdir, writeFile } from "node:fs/promises";
 import { join } from "node:path";
 import { HOLD } from "../src/numbers";
@@ -12,8 +12,16 @@ const FOLDER = join(ROOT, "docs/pictures/web");
 const BASES_FOLDER = join(ROOT, "docs/pictures/bases");
 const FOYER = { world: "foyer", goal: "9.5,5.5" };
 const EMPTY = { world: "empty", goal: "15,9" };
-/** Folders of conf/, where each robot drives, and to which place: those without a lidar sense nothing. */
-const BASES = { courier: FOYER, tug: EMPTY, rover: EMPTY, porter: EMPTY, tripod: EMPTY, "advee-lidar": FOYER };
+/** Folders of conf/, where each robot drives, and to which place: those without a lidar sense nothing. `unplugged`: what is
+ *  then without a line while it is driven by hand. */
+const BASES: Record<string, { world: string; goal: string; unplugged?: string }> = {
+  courier: { ...FOYER, unplugged: "lidar.top" },
+  tug: EMPTY,
+  rover: { ...EMPTY, unplugged: "left" },
+  porter: EMPTY,
+  tripod: EMPTY,
+  "advee-lidar": FOYER,
+};
 /** By the name of the file. */
 const VIEWS = { drive: "Drive", map: "Map", modules: "Modules", errors: "Errors", sensors: "Sensors", power: "Power", buses: "Buses", messages: "Messages", logs: "Logs", simulator: "Simulator", access: "This device" };
 /** Those that are shown dark, too. */
@@ -28,19 +36,35 @@ try {
   await browser.close();
 }
 
-/** Each other robot on the map, while it drives to a goal. */
+/** Each other robot in a hand's curve, and on the map, while it drives to a goal. */
 async function bases(): Promise<void> {
   await mkdir(BASES_FOLDER, { recursive: true });
   const painter = await browser.newPage();
-  for (const [name, { world, goal }] of Object.entries(BASES)) {
+  for (const [name, { world, goal, unplugged }] of Object.entries(BASES)) {
     const robot = await Robot.start(["--world", `conf/worlds/${world}.toml`], ["--config", `conf/${name}`]);
     try {
       const v = await Visit.open(browser, robot, { profile: "desktop", as: "engineer", name: "Workshop" });
+      const save = async (file: string) => writeFile(join(BASES_FOLDER, `${file}.png`), await small(painter, await v.page.screenshot({ scale: "css" })));
+      await v.takeControl();
+      let from = robot.bus.truth();
+      const hand = await v.hold();
+      await hand.move(hand.x + hand.half * 0.3, hand.y - hand.half * 0.5);
+      await until(`${name} is driven`, 30, () => Math.hypot(robot.bus.truth().x - from.x, robot.bus.truth().y - from.y) > 0.5);
+      await pass(1500);
+      await save(`${name}-by-hand`);
+      if (unplugged !== undefined) {
+        await robot.fault(unplugged, "silent");
+        await until(`${name} stands without ${unplugged}`, 30, () => Math.abs(robot.bus.truth().speed) < 0.01);
+        await pass(1500);
+        await save(`${name}-unplugged`);
+      }
+      await hand.up();
+      await robot.calm();
       await v.go("Map");
-      const from = robot.bus.truth();
+      from = robot.bus.truth();
       await robot.advee("goal", goal, "--when-ready");
       await until(`${name} is on its way`, 60, () => Math.hypot(robot.bus.truth().x - from.x, robot.bus.truth().y - from.y) > 1.5);
-      await writeFile(join(BASES_FOLDER, `${name}.png`), await small(painter, await v.page.screenshot({ scale: "css" })));
+      await save(name);
       await v.close();
     } finally {
       await robot.end();
