@@ -43,6 +43,7 @@ const LINE: PortId = PortId(1);
 pub(super) fn config() -> Config {
     Config {
         bus: Some("can.main".into()),
+        further: Vec::new(),
         lines: Vec::new(),
         bitrate: 1_000_000,
         node_id: 127,
