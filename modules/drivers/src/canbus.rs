@@ -59,6 +59,7 @@ pub use config::{
 pub use feed_output::{GpioConfig, OutputConfig};
 pub use keys::ControllerConfig;
 pub use line_keys::{LineConfig, LineKeys, RoboClawConfig, RoboClawMotor, UartVescConfig};
+pub use net::node_number;
 pub use odrive::{OdriveConfig, Release};
 pub use pause::Paused;
 pub use vesc::{VescConfig, VescMotor};
@@ -965,7 +966,6 @@ impl Canbus {
             self.deadlines.set(Timer::SwitchOff, now + SWITCH_OFF_MAX);
         }
         let late = self.deadlines.is_due(Timer::SwitchOff, now);
-        let have_left = self.nets.iter_mut().fold(true, |all, net| all & net.master.has_left());
         let off = self.wheels.iter().all(Propulsion::is_off) && self.drives().all(drive::Drive::is_off);
         // The reset of a device's communication leaves its outputs as they are.
         let off = off && self.devices.are_settled();
@@ -973,7 +973,7 @@ impl Canbus {
             self.leaves = true;
             self.nets.iter_mut().for_each(|net| net.master.leave(now));
             self.deadlines.set(Timer::SwitchOff, now + SWITCH_OFF_MAX);
-        } else if self.leaves && (late || have_left) {
+        } else if self.leaves && (late || self.nets.iter_mut().all(|net| net.master.has_left())) {
             self.deadlines.clear(Timer::SwitchOff);
             self.left = true;
         }

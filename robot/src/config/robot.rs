@@ -673,6 +673,13 @@ impl Robot {
         used
     }
 
+    /// The number by which `LL_CMD_SDO` names a node of a CAN bus.
+    #[must_use]
+    pub fn node_number(&self, bus: &CanBus, id: u8) -> i32 {
+        let place = self.buses_of_motion(&self.can).iter().position(|own| own.name == bus.name);
+        canbus::node_number(place.unwrap_or_default(), id)
+    }
+
     /// The CAN buses of `driver_canbus`, in its order; empty: all drives are on serial lines.
     #[must_use]
     pub fn buses_of_motion<'a>(&self, buses: &'a [CanBus]) -> Vec<&'a CanBus> {

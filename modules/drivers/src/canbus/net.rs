@@ -11,6 +11,14 @@ use module::{Actions, PortId};
 /// Distance of the numbers by which `LL_CMD_SDO` names the nodes of two buses.
 const NODES_OF_BUS: i32 = 1000;
 
+/// The number by which `LL_CMD_SDO` and `LL_DATA_SDO` name a node on a bus: its id, and 1000 more for each bus before
+/// its own; `bus`: from 0, in the order of the module's buses.
+#[must_use]
+pub fn node_number(bus: usize, id: u8) -> i32 {
+    let bus = i32::try_from(bus).unwrap_or(i32::MAX);
+    bus.saturating_mul(NODES_OF_BUS).saturating_add(id.into())
+}
+
 /// A node, on which bus: ids are unique on a bus alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct NodeAt {
@@ -131,5 +139,6 @@ mod tests {
         assert_eq!([1, 127, 1001, 2127].map(of), [Some((0, 1)), Some((0, 127)), Some((1, 1)), Some((2, 127))]);
         assert_eq!([0, 128, 999, 1000, 1128, -1, -999, i32::MIN].map(of), [None; 8]);
         assert_eq!(of(i32::MAX), None);
+        assert_eq!(of(node_number(3, 20)), Some((3, 20)));
     }
 }

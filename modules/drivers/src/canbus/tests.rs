@@ -1,6 +1,7 @@
 //! The module with fake drives in virtual time: every rule about permission to move, and every cause of a stop.
 
 mod bus;
+mod buses;
 mod cia402;
 mod controller;
 mod devices;
