@@ -194,10 +194,10 @@ base::deadlines! {
     }
 }
 
-/// The module `simulator`. Its ports: the first CAN bus, if there is one, then the serial and the I2C buses in the order of
-/// its configuration, then the 1-Wire bus, if there is one, the computer's temperatures, the gamepad, the GPIO line,
-/// the lines of `driver_io`, the lidars, the inertial measurement units that have a line of their own, the lines of
-/// motor controllers, and the further CAN buses.
+/// The module `simulator`. Its ports: the first CAN bus, if there is one, then the serial and the I2C buses in the
+/// order of its configuration, then the 1-Wire bus, if there is one, the computer's temperatures, the gamepad, the GPIO
+/// line, the lines of `driver_io`, the lidars, the inertial measurement units that have a line of their own, the lines
+/// of motor controllers, and the further CAN buses.
 pub struct Simulator {
     config: Config,
     ports: Vec<PortSpec>,

@@ -490,7 +490,8 @@ fn output_and_devices_name_their_bus() {
     let tables = |output: &str, device: &str| {
         on_two_buses()
             + &format!(
-                "[stop]\nsecond_way = \"canopen\"\n{output}\noutput = {{ node = 1, index = 0x6200 }}\n[io.canopen.plc]\n\
+                "[stop]\nsecond_way = \"canopen\"\n{output}\noutput = {{ node = 1, index = 0x6200 }}\n\
+                 [io.canopen.plc]\n\
                  node = 2\n{device}\nsignals = [{{ name = \"estop\", kind = \"digital-in\", channel = 3 }}]\n"
             )
     };

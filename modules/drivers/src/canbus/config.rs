@@ -109,8 +109,8 @@ settings! {
         second_way: SecondWay = SecondWay::Power;
         /// The output that `second_way = "canopen"` switches.
         output: Option<OutputConfig> = optional;
-        /// CAN bus of that output, where the drives are on several: `"can.second"`. Absent: the first one, `can.main` if
-        /// there is one.
+        /// CAN bus of that output, where the drives are on several: `"can.second"`. Absent: the first one, `can.main`
+        /// if there is one.
         output_bus: Option<String> = optional;
         /// The line that `second_way = "gpio"` switches.
         gpio: Option<GpioConfig> = optional;
