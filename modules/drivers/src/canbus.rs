@@ -1,6 +1,7 @@
 //! `driver_canbus`: master of the drives of wheels and steering, which decides whether the robot may move. Those of
 //! wheels may be motor controllers without CANopen, on CAN or on serial lines; without a CANopen node no frame of
-//! CANopen is sent, and without a drive on CAN there need not be a CAN bus.
+//! CANopen is sent, and without a drive on CAN there need not be a CAN bus. There may be several (`net`): each has a
+//! master of its own, and the drives of all of them are one body.
 //!
 //! Read [`arbiter`] first (which source may command), then [`surroundings`] (other conditions of motion), then `decide`
 //! here, which turns both into the goals of the axes. Anything but a clear permission is a quick stop.
