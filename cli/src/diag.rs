@@ -24,6 +24,7 @@ use clap::ArgGroup;
 use diagnostics::{Config, Model};
 use draw::Body;
 use drive::Drive;
+use drivers::canbus::Node;
 use host::bus::{Bus, Received};
 use host::clock;
 use ratatui::backend::TestBackend;
@@ -33,7 +34,7 @@ use ratatui::crossterm::event::{
 };
 use ratatui::crossterm::{execute, terminal};
 use ratatui::{DefaultTerminal, Terminal};
-use robot::config::Config as Configuration;
+use robot::config::{CanBus, Config as Configuration};
 use robot::place::RobotLocation;
 use robot::preflight;
 use robot::topology;
@@ -98,7 +99,11 @@ pub fn diag(common: &Common, command: &Diag) -> Outcome {
         None => drive,
     };
     let epoch = clock::epoch();
-    let nodes = config.robot.can.iter().flat_map(|bus| &bus.driver.nodes);
+    let of_bus = |bus: &CanBus| {
+        let nodes = bus.driver.nodes.iter();
+        let node = |node: &Node| (config.robot.node_number(bus, node.id), node.axis.name().to_owned());
+        nodes.map(node).collect::<Vec<_>>()
+    };
     let mut app = App::new(Setup {
         // Which of the two is on the bus is not known here; the first line shows a simulation that is slow.
         model: Model::new(Config {
@@ -111,7 +116,7 @@ pub fn diag(common: &Common, command: &Diag) -> Outcome {
         session: epoch.timestamp(clock::now()),
         epoch,
         source: format!("diag:{}", std::process::id()),
-        nodes: nodes.map(|node| (node.id, node.axis.name().to_owned())).collect(),
+        nodes: config.robot.can.iter().flat_map(of_bus).collect(),
         runs: Runs::of(topology::log_folder(&place, &config.robot)),
         faults: if place.sim { preflight::faults(&place).unwrap_or_default() } else { Vec::new() },
     });

@@ -42,10 +42,13 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
     let simulated = simulated::config(place, World::default(), robot, false)?;
     let policy = topology::policy(&config);
     let missing = || ConfigError(vec!["checks: robot.toml has no drives of its base that the rules can read".into()]);
+    if !simulated.further.is_empty() {
+        return Err(ConfigError(vec!["checks: the drives are on several CAN buses; the rules read one".into()]));
+    }
     let is_controller = |drive: &DriveConfig| matches!(drive.kind, DriveKind::Controller { .. });
     let on_can = simulated.can.as_ref().map_or(&[][..], |can| &can.drives);
     let circumference = robot.geometry.wheel_circumference_m();
-    let node = |drive: &DriveConfig| driver.nodes().find(|node| node.id == drive.node);
+    let node = |drive: &DriveConfig| driver.nodes().find(|node| node.name == drive.name);
     let is_steering = |drive: &&DriveConfig| drive.kind.axis() == Axis::Steering;
     let mut wheels = Vec::new();
     for drive in on_can.iter().filter(|drive| !is_steering(drive)) {

@@ -1,6 +1,7 @@
 //! Scene for web pages: dimensions, map and names of parts, which no message contains.
 
 use crate::config::{CanBus, Robot};
+use drivers::canbus::Node;
 use logger::ros::{self, RobotScene, Sensor};
 use navitools::Point;
 use planner::map::Map;
@@ -43,7 +44,7 @@ pub fn of(robot: &Robot, world: Option<&World>, map: Option<&Map>) -> Scene {
         routes: routes.iter().map(route).collect(),
         power_channels: robot.power.as_ref().map(|_| psc1::CHANNELS.to_vec()).unwrap_or_default(),
         temperature_limits: temperature_limits(robot),
-        drives: robot.can.iter().flat_map(drives).collect(),
+        drives: robot.can.iter().flat_map(|bus| drives(robot, bus)).collect(),
         ..Scene::default()
     }
 }
@@ -92,6 +93,7 @@ fn temperature_limits(robot: &Robot) -> Vec<TemperatureLimit> {
     chips.chain(named).chain(host).collect()
 }
 
-fn drives(bus: &CanBus) -> impl Iterator<Item = Drive> {
-    bus.driver.nodes.iter().map(|node| Drive { name: node.axis.name(), node: node.id })
+fn drives(robot: &Robot, bus: &CanBus) -> impl Iterator<Item = Drive> {
+    let drive = |node: &Node| Drive { name: node.axis.name(), node: robot.node_number(bus, node.id) };
+    bus.driver.nodes.iter().map(drive)
 }

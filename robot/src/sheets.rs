@@ -65,11 +65,11 @@ pub(crate) fn texts(place: &RobotLocation, bus: &CanBus) -> Result<Vec<(PathBuf,
 }
 
 /// What is wrong with a configuration of the driver; where it is an object of a data sheet, with file and line.
-pub(crate) fn named(place: &RobotLocation, bus: &CanBus, why: &canbus::ConfigError) -> String {
+pub(crate) fn named(place: &RobotLocation, buses: &[&CanBus], why: &canbus::ConfigError) -> String {
     let canbus::ConfigError::Drive { axis, refusal } = why else {
         return format!("driver_canbus: {why}");
     };
-    let node = bus.driver.nodes.iter().find(|node| node.axis == *axis);
+    let node = buses.iter().flat_map(|bus| &bus.driver.nodes).find(|node| node.axis == *axis);
     let Some(path) = node.and_then(|node| node.eds.as_ref()) else {
         return format!("driver_canbus: {why}");
     };
@@ -97,7 +97,9 @@ pub(crate) fn check_inputs(place: &RobotLocation, bus: &CanBus, stop: &canbus::S
 /// A data sheet that the configuration names must be one of a device that the driver can set up.
 pub(crate) fn check(place: &RobotLocation, bus: &CanBus, driver: &Canbus) -> Result<(), ConfigError> {
     for node in bus.driver.nodes.iter().filter(|node| node.drive.by_sheet().is_none()) {
-        let (Some(path), Some(setup)) = (&node.eds, driver.nodes().find(|setup| setup.id == node.id)) else { continue };
+        // Ids are those of a bus: the axis is unique.
+        let setup = driver.nodes().find(|setup| setup.name == node.axis.name());
+        let (Some(path), Some(setup)) = (&node.eds, setup) else { continue };
         let path = place.config.join(path);
         if let Some(objection) = load(&path)?.objection(setup) {
             return Err(error(&path, format!("not the sheet of a drive for the {}: {objection}", setup.name)));

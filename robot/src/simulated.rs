@@ -1,6 +1,6 @@
 //! The simulated side of a robot: its buses with their boards and drives, its body, a world.
 
-use crate::config::{ConfigError, Imu, Io, IoLine, Lidar, ModbusBus, Robot, SerialLine, gpio_bus};
+use crate::config::{CanBus, ConfigError, Imu, Io, IoLine, Lidar, ModbusBus, Robot, SerialLine, gpio_bus};
 use crate::place::{GAMEPAD_BUS, HOST_BUS, RobotLocation, W1_BUS};
 use crate::sheets;
 use base::Duration;
@@ -56,10 +56,11 @@ pub(crate) fn config(
         let beacon = |beacon: &Beacon| simulator::world::Beacon { id: beacon.id, at: at(beacon) };
         world.beacons = robot.beacons.iter().map(beacon).collect();
     }
-    let can = can(place, robot)?;
+    let mut buses = can(place, robot)?.into_iter();
+    let (can, further) = (buses.next(), buses.collect::<Vec<_>>());
     let steers =
         |drive: &DriveConfig| matches!(drive.kind, DriveKind::Cia402(_)) && drive.kind.axis() == Axis::Steering;
-    let by_sheet = can.iter().flat_map(|can| &can.drives).any(steers);
+    let by_sheet = can.iter().chain(&further).flat_map(|can| &can.drives).any(steers);
     let wheels = robot.base.map(|base| base.chassis(&robot.limits)).transpose();
     let wheels = wheels.map_err(|error| ConfigError(vec![format!("simulator: [base]: {error}")]))?;
     let parameters = Parameters {
@@ -104,6 +105,7 @@ pub(crate) fn config(
         parameters,
         wheels,
         can,
+        further,
         drive_lines: robot.serial.iter().map(|line| drive_line(robot, line)).collect(),
         serial: serial.collect(),
         i2c: i2c.collect(),
@@ -224,22 +226,33 @@ fn words(place: &Place, value: f64) -> Vec<u16> {
     }
 }
 
-/// The CAN bus of `driver_canbus`: its drives, those of the propulsion first, and the output that feeds the motors.
-fn can(place: &RobotLocation, robot: &Robot) -> Result<Option<CanConfig>, ConfigError> {
-    let number = robot.motion(&robot.can).and_then(|(number, _)| number);
-    let Some(mut bus) = number.and_then(|number| robot.can.get(number)).cloned() else { return Ok(None) };
-    sheets::read(place, &mut bus)?;
-    bus.driver.nodes.sort_by_key(|node| (node.axis == canbus::Axis::Steering, wheel(robot, node.axis)));
-    Ok(Some(CanConfig {
-        bus: format!("can.{}", bus.name),
-        bitrate: bus.driver.bitrate,
-        drives: bus.driver.nodes.iter().map(|node| drive(robot, node)).collect::<Result<_, _>>()?,
-        output: robot.stop.feed_output().map(|output| {
-            let canbus::OutputConfig { node, index, subindex, bits, on, .. } = output;
-            OutputConfig { node, index, sub: subindex, bits, on }
-        }),
-        devices: robot.io.iter().flat_map(Io::devices).map(|device| io_node(&device)).collect(),
-    }))
+/// The CAN buses of `driver_canbus`: their drives, those of the propulsion first, the output that feeds the motors, and
+/// the devices, which are on the first bus unless they name another one.
+fn can(place: &RobotLocation, robot: &Robot) -> Result<Vec<CanConfig>, ConfigError> {
+    let buses: Vec<CanBus> = robot.buses_of_motion(&robot.can).into_iter().cloned().collect();
+    let bus = |(number, mut bus): (usize, CanBus)| {
+        sheets::read(place, &mut bus)?;
+        bus.driver.nodes.sort_by_key(|node| (node.axis == canbus::Axis::Steering, wheel(robot, node.axis)));
+        let name = bus.bus();
+        let is_on = |named: Option<&str>| named.map_or(number == 0, |named| named == name);
+        Ok(CanConfig {
+            bitrate: bus.driver.bitrate,
+            drives: bus.driver.nodes.iter().map(|node| drive(robot, node)).collect::<Result<_, _>>()?,
+            output: robot.stop.feed_output().filter(|_| is_on(robot.stop.output_bus.as_deref())).map(|output| {
+                let canbus::OutputConfig { node, index, subindex, bits, on, .. } = output;
+                OutputConfig { node, index, sub: subindex, bits, on }
+            }),
+            devices: robot
+                .io
+                .iter()
+                .flat_map(Io::devices)
+                .filter(|device| is_on(device.keys.bus.as_deref()))
+                .map(|device| io_node(&device))
+                .collect(),
+            bus: name,
+        })
+    };
+    buses.into_iter().enumerate().map(bus).collect()
 }
 
 /// A CANopen device with the objects of its signals.

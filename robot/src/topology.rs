@@ -624,7 +624,7 @@ fn auxiliary(robot: &Robot) -> Result<auxiliary::Auxiliary, ConfigError> {
     driver.or_else(|error| refused(format!("driver_aux: {error}")))
 }
 
-/// Which axes of the base have no drive, or on which CAN buses the drives are; empty: neither is the reason.
+/// Which axes of the base have no drive; empty: that is not the reason.
 fn undriven(robot: &Robot) -> String {
     let is_on_line = |axis: &str| {
         robot.serial.iter().any(|line| line.driver.motors().into_iter().any(|(moved, _)| moved.name() == axis))
@@ -633,32 +633,22 @@ fn undriven(robot: &Robot) -> String {
     let is_on_bus = |axis: &str| robot.can.iter().any(|bus| has(bus, axis));
     let without = robot.axes().iter().filter(|axis| !is_on_line(axis) && !is_on_bus(axis));
     let without: Vec<String> = without.map(|axis| format!("{axis:?}")).collect();
-    let buses: Vec<String> = robot
-        .can
-        .iter()
-        .filter(|bus| robot.axes().iter().any(|axis| has(bus, axis)))
-        .map(|bus| format!("[can.{}]", bus.name))
-        .collect();
-    match (without.is_empty(), buses.len()) {
-        (false, _) => format!(": no drive has axis = {}", without.join(", ")),
-        (true, 2..) => format!(": its drives are on {}, expected one", buses.join(" and ")),
-        (true, _) => String::new(),
-    }
+    if without.is_empty() { String::new() } else { format!(": no drive has axis = {}", without.join(", ")) }
 }
 
-/// `driver_canbus`: the CAN bus that the drives are on, and the serial lines.
+/// `driver_canbus`: the CAN buses that the drives are on, and the serial lines.
 pub(crate) fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> Result<canbus::Canbus, ConfigError> {
     let robot = &config.robot;
     let mut buses = robot.can.clone();
     buses.iter_mut().try_for_each(|bus| sheets::read(place, bus))?;
-    let Some((bus, usual)) = robot.motion(&buses) else {
+    let Some((_, usual)) = robot.motion(&buses) else {
         let axes = if robot.base.is_none() { "both axes".into() } else { robot.axes().join(", ") };
         let lines = if robot.serial.is_empty() { "" } else { ", alone or with the tables [serial.<name>]" };
         let why = undriven(robot);
         return refused(format!("driver_canbus: robot.toml has no [can.<bus>] with {axes}{lines}{why}"));
     };
-    let bus = bus.map(|number| &buses[number]);
-    bus.map_or(Ok(()), |bus| sheets::check_inputs(place, bus, &robot.stop))?;
+    let buses = robot.buses_of_motion(&buses);
+    buses.iter().try_for_each(|bus| sheets::check_inputs(place, bus, &robot.stop))?;
     // The watchdog's list says of each process whether it can be judged. Where no other one is critical, its own row
     // does: a watchdog that is late finds a hang of this one too late, too.
     let (own, others): (Vec<_>, Vec<_>) = config.critical().partition(|name| name == canbus::NAME);
@@ -675,10 +665,8 @@ pub(crate) fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> R
         protection: protection(&robot.guard, &robot.geometry),
         ..usual
     };
-    let driver = canbus::Canbus::new(config).or_else(|error| {
-        refused(bus.map_or_else(|| format!("driver_canbus: {error}"), |bus| sheets::named(place, bus, &error)))
-    })?;
-    bus.map_or(Ok(()), |bus| sheets::check(place, bus, &driver))?;
+    let driver = canbus::Canbus::new(config).or_else(|error| refused(sheets::named(place, &buses, &error)))?;
+    buses.iter().try_for_each(|bus| sheets::check(place, bus, &driver))?;
     Ok(driver)
 }
 

@@ -27,6 +27,7 @@ mod stands;
 mod stops;
 mod storm;
 mod tricycle;
+mod two_buses;
 mod velocity;
 #[path = "../support/wheel_faults.rs"]
 mod wheel_faults;

@@ -325,6 +325,12 @@ impl Master {
         }
     }
 
+    /// Its own node id.
+    #[must_use]
+    pub fn id(&self) -> u8 {
+        self.shared.config.id
+    }
+
     /// A node's configuration.
     #[must_use]
     pub fn config(&self, node: u8) -> Option<&NodeConfig> {

@@ -238,6 +238,8 @@ const LONG: Duration = Duration::from_secs(120);
 struct Through {
     tool: Tool,
     module: String,
+    /// As of [`Target::numbers_from`].
+    numbers_from: i32,
     pending: Vec<Pending>,
     number: i32,
     /// Listens on the bus itself, where that can be.
@@ -259,7 +261,8 @@ impl Through {
         let number = (clock::wall() as u32 ^ std::process::id() << 16) & 0x3FFF_FFFF;
         let module = held.holder.module.clone().unwrap_or_default();
         let (ear, number) = (Link::open(target).ok(), number.cast_signed());
-        Ok(Self { tool, module, pending: Vec::new(), number, ear, states: BTreeMap::new() })
+        let numbers_from = target.numbers_from;
+        Ok(Self { tool, module, numbers_from, pending: Vec::new(), number, ear, states: BTreeMap::new() })
     }
 
     fn begin(&mut self, job: Job) -> Result<(), Failed> {
@@ -272,7 +275,7 @@ impl Through {
         self.tool.publish(CmdSdo {
             timestamp: self.tool.timestamp(),
             request,
-            node: i32::from(node),
+            node: self.numbers_from + i32::from(node),
             index: i32::from(job.index),
             subindex: i32::from(job.sub),
             write: job.data.is_some(),

@@ -6,7 +6,7 @@ use drivers::canbus::Drive;
 use host::ports::PortConfig;
 use host::ports::settings::CanInterface;
 use module::State;
-use robot::config::{CanBus, SIMULATOR};
+use robot::config::{CanBus, Robot, SIMULATOR};
 use robot::place::RobotLocation;
 use robot::topology;
 use std::fs;
@@ -58,6 +58,8 @@ pub struct Target {
     pub known: Vec<Known>,
     /// The node id of the module that is its master, where it is the robot's.
     pub master: Option<u8>,
+    /// What is added to an id where `LL_CMD_SDO` names a node of this bus: 1000 for each bus before it.
+    pub numbers_from: i32,
 }
 
 /// The module that holds a bus.
@@ -76,7 +78,7 @@ impl Where {
         }
         let (place, robot) = common.robot()?;
         let bus = choice::bus("can", self.bus.as_deref(), &robot.can, |bus| &bus.name, "--interface")?;
-        Target::of(&place, bus)
+        Target::of(&place, &robot, bus)
     }
 }
 
@@ -98,14 +100,14 @@ impl Target {
         // The simulated one's, too, before it runs.
         let configured = [true, false].into_iter().find_map(|sim| {
             let (place, robot) = (common.place(sim), common.load(sim).ok()?.robot);
-            let mut buses = robot.can.iter().filter_map(|bus| Self::of(&place, bus).ok());
+            let mut buses = robot.can.iter().filter_map(|bus| Self::of(&place, &robot, bus).ok());
             buses.find(|bus| is_same(&bus.port, &port))
         });
-        let stranger = Self { name, raw: None, port, bitrate, known: Vec::new(), master: None };
+        let stranger = Self { name, raw: None, port, bitrate, known: Vec::new(), master: None, numbers_from: 0 };
         Ok(configured.unwrap_or(stranger))
     }
 
-    fn of(place: &RobotLocation, bus: &CanBus) -> Result<Self, Failed> {
+    fn of(place: &RobotLocation, robot: &Robot, bus: &CanBus) -> Result<Self, Failed> {
         let nodes = bus.driver.nodes.iter().filter(|node| node.is_canopen());
         let known = nodes.map(|node| Known {
             id: node.id,
@@ -120,6 +122,7 @@ impl Target {
             bitrate: bus.driver.bitrate,
             known: known.collect(),
             master: Some(bus.driver.master),
+            numbers_from: robot.node_number(bus, 0),
         })
     }
 

@@ -84,7 +84,7 @@ pub struct Setup {
     /// Session of its motion commands.
     pub session: i64,
     /// The CANopen nodes and their axes.
-    pub nodes: Vec<(u8, String)>,
+    pub nodes: Vec<(i32, String)>,
     pub runs: Runs,
     /// What can be broken; empty without a simulation.
     pub faults: Offered,
@@ -110,7 +110,7 @@ pub struct App {
     pub read_only: bool,
     pub frozen: Option<Box<Frozen>>,
     pub quit: bool,
-    pub nodes: Vec<(u8, String)>,
+    pub nodes: Vec<(i32, String)>,
     pub runs: Runs,
     pub faults: Offered,
     pub objects: Objects,

@@ -95,7 +95,7 @@ fn fitting<'a>(line: &str, modules: &'a [String], faults: &'a Offered) -> Vec<&'
 }
 
 /// Reads a line; `timestamp` is now, `source` who asks, `nodes` are those of the CAN bus with their axes.
-pub fn read(line: &str, timestamp: i64, source: &str, nodes: &[(u8, String)]) -> Result<Asked, String> {
+pub fn read(line: &str, timestamp: i64, source: &str, nodes: &[(i32, String)]) -> Result<Asked, String> {
     let mut words = line.split_whitespace();
     let Some(verb) = words.next() else { return Err("a command is expected; ? for help".into()) };
     let rest: Vec<&str> = words.collect();
@@ -151,9 +151,10 @@ pub fn read(line: &str, timestamp: i64, source: &str, nodes: &[(u8, String)]) ->
 }
 
 /// An object of a node: `1 0x6041 0`, `steering 6081h 0 1000 u32`, `1 statusword`.
-fn object(nodes: &[(u8, String)], node: &str, index: &str, rest: &[&str]) -> Result<Object, String> {
+fn object(nodes: &[(i32, String)], node: &str, index: &str, rest: &[&str]) -> Result<Object, String> {
     let named = nodes.iter().find(|(_, axis)| axis == node).map(|(id, _)| *id);
-    let number = || node.parse().ok().filter(|node| (1..=127).contains(node));
+    // 1000 more for each CAN bus before its own.
+    let number = || node.parse().ok().filter(|node: &i32| *node > 0 && (1..=127).contains(&(node % 1000)));
     let node = named.or_else(number).ok_or_else(|| {
         let axes: Vec<String> = nodes.iter().map(|(id, axis)| format!("{id} {axis}")).collect();
         format!("nodes are 1 to 127: {}", axes.join(", "))

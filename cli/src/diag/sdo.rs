@@ -15,7 +15,8 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// An object of a node, to be read or written.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Object {
-    pub node: u8,
+    /// As `LL_CMD_SDO` names it: 1000 more for each CAN bus before its own.
+    pub node: i32,
     pub index: u16,
     pub sub: u8,
     pub data_type: Option<DataType>,
@@ -69,7 +70,7 @@ impl Objects {
         let command = CmdSdo {
             timestamp,
             request,
-            node: object.node.into(),
+            node: object.node,
             index: object.index.into(),
             subindex: object.sub.into(),
             write: object.data.is_some(),
@@ -89,8 +90,7 @@ impl Objects {
         let is_it = |asked: &&mut Asked| {
             let object = &asked.object;
             let heard = (answer.request, answer.node, answer.index, answer.subindex);
-            asked.answer.is_none()
-                && heard == (asked.request, object.node.into(), object.index.into(), object.sub.into())
+            asked.answer.is_none() && heard == (asked.request, object.node, object.index.into(), object.sub.into())
         };
         let asked = self.asked.iter_mut().find(is_it)?;
         let text = match (answer.abort_code, &asked.object.data) {

@@ -1,6 +1,7 @@
 //! `driver_canbus`: master of the drives of wheels and steering, which decides whether the robot may move. Those of
 //! wheels may be motor controllers without CANopen, on CAN or on serial lines; without a CANopen node no frame of
-//! CANopen is sent, and without a drive on CAN there need not be a CAN bus.
+//! CANopen is sent, and without a drive on CAN there need not be a CAN bus. There may be several (`net`): each has a
+//! master of its own, and the drives of all of them are one body.
 //!
 //! Read [`arbiter`] first (which source may command), then [`surroundings`] (other conditions of motion), then `decide`
 //! here, which turns both into the goals of the axes. Anything but a clear permission is a quick stop.
@@ -32,6 +33,7 @@ mod keys;
 mod line_keys;
 mod lines;
 mod motor_watch;
+mod net;
 mod objection;
 mod odrive;
 mod pause;
@@ -52,12 +54,13 @@ mod wheels;
 
 pub use cia402::{Cia402, Cia402Config, VelocityUnit};
 pub use config::{
-    Axis, BusConfig, Config, ConfigError, Drive, EposConfig, HomingRelease, IclaConfig, Node, PauseStop,
+    Axis, BusConfig, Config, ConfigError, Drive, EposConfig, FurtherBus, HomingRelease, IclaConfig, Node, PauseStop,
     PropulsionConfig, PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, Stop, StopInput, UnbrakedStop,
 };
 pub use feed_output::{GpioConfig, OutputConfig};
 pub use keys::ControllerConfig;
 pub use line_keys::{LineConfig, LineKeys, RoboClawConfig, RoboClawMotor, UartVescConfig};
+pub use net::node_number;
 pub use odrive::{OdriveConfig, Release};
 pub use pause::Paused;
 pub use vesc::{VescConfig, VescMotor};
@@ -67,17 +70,17 @@ use arbiter::{Arbiter, Course, Request, Verdict};
 use base::can::Frame;
 use base::{Deadlines, Duration, Fault, Instant, Level, Severity, earliest};
 use body::{Body, Caps, Measured, SetPoints};
-use bus::Bus;
 use canopen::master::Ticket;
-use canopen::{Event as CanEvent, Master, MasterConfig, NodeConfig, sdo};
+use canopen::{Event as CanEvent, NodeConfig, sdo};
 use devices::Devices;
 use ignored::Ignored;
 use inputs::DriveInputs;
-use kinematics::{PerWheel, Twist};
+use kinematics::Twist;
 use lines::{LineEngine, LinePort};
 use messages::{Channel, Hold, Message, common, lowlevel, source_in_words};
 use module::admission::Origin;
 use module::{Actions, ActiveHold, Event, Holds, Input, Line, Module, PortId, PortSpec, State};
+use net::{Net, NodeAt};
 use objection::Objection;
 use propulsion::Propulsion;
 use protection::{Mover, Protection};
@@ -94,8 +97,6 @@ use wheels::Wheels;
 /// Name of the module.
 pub const NAME: &str = "driver_canbus";
 
-/// The CAN bus, if there is one. The GPIO line that feeds the motors follows, if there is one, then the serial lines.
-const CAN: PortId = PortId(0);
 /// Name of the port of the GPIO line.
 pub const LINE_BUS: &str = "stop.gpio";
 /// Objects that are read from a drive that has booted or has sent nothing for a while.
@@ -134,8 +135,6 @@ base::deadlines! {
         Refused,
         /// No other source of the holder's priority has sent a command for its time to live. Set while it is reported.
         Contested,
-        /// The other master on the bus has been silent for long enough. Set while it blocks motion.
-        SecondMaster,
         /// The order to cut the motors' feed is repeated. Set until it is known to be cut.
         Cut,
         /// The drives are left as they are although they are not switched off. Set when the module ends and the robot
@@ -144,13 +143,13 @@ base::deadlines! {
     }
 }
 
-/// The module `driver_canbus`.
+/// The module `driver_canbus`. Its ports: the first CAN bus, if there is one, the GPIO line that feeds the motors, if
+/// there is one, the serial lines, the further CAN buses.
 pub struct Canbus {
     config: Config,
     ports: Vec<PortSpec>,
-    master: Master,
-    /// There are nodes of CANopen. Without them the master gets neither frames nor time, and sends nothing.
-    has_canopen: bool,
+    /// The CAN buses, at least one; the only one may have no bus: all drives are on serial lines.
+    nets: Vec<Net>,
     wheels: Wheels,
     steering: Option<Steering>,
     body: Body,
@@ -167,8 +166,6 @@ pub struct Canbus {
     /// Devices with inputs and outputs.
     devices: Devices,
     protection: Protection,
-    /// The CAN bus; none: all drives are on serial lines.
-    bus: Option<Bus>,
     lines: Vec<LinePort>,
     requests: Requests,
     state: State,
@@ -212,28 +209,44 @@ impl Canbus {
         let feed_line = PortId(can.iter().len() as u8);
         let serial = |own: &LineConfig| PortSpec { bus: own.bus.clone(), line: Line::Serial { baud: own.baud } };
         let first = can.iter().chain(&line).count();
-        let ports = can.into_iter().chain(line).chain(config.lines.iter().map(serial)).collect();
+        let of_bus = |own: &FurtherBus| PortSpec { bus: own.bus.clone(), line: Line::Can { bitrate: own.bitrate } };
+        let ports = can.into_iter().chain(line).chain(config.lines.iter().map(serial));
+        let ports: Vec<PortSpec> = ports.chain(config.further.iter().map(of_bus)).collect();
         let engines = config.lines.iter().map(|own| LineEngine::new(own, &config)).collect::<Result<Vec<_>, _>>()?;
         let wheels = Wheels::new(&config, &engines)?;
         let lines = (first..).zip(config.lines.iter().zip(engines));
         let lines = lines.map(|(port, (own, engine))| LinePort::new(own, engine, PortId(port as u8))).collect();
         let body = Body::new(&config)?;
-        let steering = config.steering.as_ref().map(|own| Steering::new(own, &config)).transpose()?;
-        let mut nodes: Vec<NodeConfig> =
-            wheels.node_configs().chain(steering.as_ref().map(Steering::node_config)).collect();
-        let (id, bit_rate, sync, time) = (config.node_id, config.bitrate, config.sync, config.time);
-        let master = MasterConfig { id, bit_rate, sync, time, sdo_timeout: SDO_TIMEOUT, ..MasterConfig::default() };
-        let readbacks = nodes.iter().map(|node| Readback::new(node, id)).collect();
-        let devices = Devices::new(&config.devices, &config.stop);
-        nodes.extend(devices.node_configs());
-        let master = Master::new(master, &nodes)?;
-        let stop_watch = StopWatch::new(&config.stop, config.has_pause_line, feed_line);
-        let drives = wheels.drive_axes().zip(wheels.drives()).map(|(axis, drive)| (axis, drive.node));
-        let steers = steering.iter().map(|steering| (Axis::Steering, steering.drive.node));
+        let mut steering = config.steering.as_ref().map(|own| Steering::new(own, &config)).transpose()?;
+        steering.iter_mut().for_each(|own| own.drive.bus = config.bus_of(Axis::Steering));
+        let devices = Devices::new(&config.devices, &config.stop, |name| config.bus_number(name));
+        let output_bus = config.bus_number(config.stop.output_bus.as_deref());
+        let stop_watch = StopWatch::new(&config.stop, config.has_pause_line, feed_line, output_bus);
+        let mut nets = Vec::new();
+        for bus in 0..=config.further.len() {
+            let steers = steering.iter().filter(|own| own.drive.bus == bus).map(Steering::node_config);
+            let nodes = wheels.node_configs(bus).chain(steers).chain(devices.node_configs(bus)).collect::<Vec<_>>();
+            let mut net = match bus.checked_sub(1).map(|place| &config.further[place]) {
+                None => Net::first(&config, &nodes)?,
+                Some(own) => {
+                    let port = ports.len() - config.further.len() + bus - 1;
+                    Net::further(own, bus, PortId(port as u8), &nodes)?
+                }
+            };
+            net.has_canopen |= stop_watch.node().is_some_and(|node| node.bus == bus);
+            nets.push(net);
+        }
+        let drives = wheels.drives().chain(steering.iter().map(|own| &own.drive));
+        let readback = |drive: &drive::Drive| {
+            let setup = nets[drive.bus].master.config(drive.node)?;
+            Some(Readback::new(setup, nets[drive.bus].master.id()))
+        };
+        let readbacks = drives.filter_map(readback).collect();
+        let drives = wheels.drive_axes().zip(wheels.drives()).map(|(axis, drive)| (axis, drive.at()));
+        let steers = steering.iter().map(|steering| (Axis::Steering, steering.drive.at()));
         let inputs = DriveInputs::new(&config.stop, drives.chain(steers));
         Ok(Self {
-            master,
-            has_canopen: !nodes.is_empty() || stop_watch.node().is_some(),
+            nets,
             arbiter: Arbiter::new(config.limits.command_ttl),
             around: Surroundings::new(
                 config.critical.clone(),
@@ -255,7 +268,6 @@ impl Canbus {
             wheels,
             steering,
             body,
-            bus: config.bus.as_ref().map(|bus| Bus::new(bus, config.bitrate)),
             lines,
             requests: Requests::default(),
             config,
@@ -274,19 +286,9 @@ impl Canbus {
         })
     }
 
-    /// Name of the CAN bus; empty without one.
-    fn bus_name(&self) -> &str {
-        self.config.bus.as_deref().unwrap_or("")
-    }
-
-    /// True if there is a CAN bus, and it is up.
-    fn bus_is_up(&self) -> bool {
-        self.bus.as_ref().is_some_and(Bus::is_up)
-    }
-
     /// Configuration of each drive's node.
     pub fn nodes(&self) -> impl Iterator<Item = &NodeConfig> {
-        self.drives().filter_map(|drive| self.master.config(drive.node))
+        self.drives().filter_map(|drive| self.nets[drive.bus].master.config(drive.node))
     }
 
     /// The CANopen drives: the wheels', then the steering's.
@@ -304,8 +306,8 @@ impl Canbus {
     }
 
     /// The steering, if this node is its drive.
-    fn steering_at(&mut self, node: u8) -> Option<&mut Steering> {
-        self.steering.as_mut().filter(|steering| steering.drive.node == node)
+    fn steering_at(&mut self, node: NodeAt) -> Option<&mut Steering> {
+        self.steering.as_mut().filter(|steering| steering.drive.at() == node)
     }
 
     /// Measured angle of the steering, rad; 0 without one.
@@ -338,9 +340,11 @@ impl Canbus {
             Message::LlCmdVelocity(command) => self.on_velocity(now, at, command, out),
             Message::LlCmdHoming(homing) => self.on_homing(now, at, homing, out),
             Message::LlCmdSdo(request) => {
-                let owner = self.owner_of(request.node);
-                let master = self.has_canopen.then_some(&mut self.master);
-                self.requests.on_command(now, request, &owner, master, out);
+                let at = NodeAt::of_request(request.node);
+                let owner = at.map_or(NodeOwner::Others, |at| self.owner_of(at));
+                let net = at.and_then(|at| Some((at.id, self.nets.get_mut(at.bus)?)));
+                let node = net.filter(|(_, net)| net.has_canopen).map(|(id, net)| (id, &mut net.master));
+                self.requests.on_command(now, request, &owner, node, out);
             }
             Message::CmDataProcesses(list) => {
                 self.around.on_processes(at, list);
@@ -467,14 +471,14 @@ impl Canbus {
 
     /// A node that is not booted does not move, so its objects may be written for repair. Those of the node that feeds
     /// the motors may not.
-    fn owner_of(&self, node: i32) -> NodeOwner {
+    fn owner_of(&self, node: NodeAt) -> NodeOwner {
         let of_canopen = |wheel: &&PropulsionConfig| {
             matches!(wheel.drive, PropulsionDrive::Epos { .. } | PropulsionDrive::Cia402 { .. })
         };
         let wheels = self.config.wheels.iter().filter(of_canopen).map(|wheel| &wheel.writable);
         let writable = wheels.chain(self.config.steering.iter().map(|steering| &steering.writable));
-        let is_it = |own: u8| i32::from(own) == node;
-        match self.drives().zip(writable).find(|(drive, _)| i32::from(drive.node) == node) {
+        let is_it = |own: NodeAt| own == node;
+        match self.drives().zip(writable).find(|(drive, _)| drive.at() == node) {
             Some((drive, writable)) => {
                 NodeOwner::Ours { standing: !drive.is_booted() || self.is_standing(), writable: writable.clone() }
             }
@@ -485,15 +489,17 @@ impl Canbus {
         }
     }
 
-    fn on_port(&mut self, now: Instant, down: Option<&str>, out: &mut Actions) {
-        if let Some(bus) = &mut self.bus {
+    fn on_port(&mut self, now: Instant, port: PortId, down: Option<&str>, out: &mut Actions) {
+        let Some(number) = self.net_at(port) else { return };
+        let net = &mut self.nets[number];
+        if let Some(bus) = &mut net.bus {
             bus.on_port(down, out);
         }
-        self.wheels.controllers_on(None).for_each(|controller| controller.on_bus(now, down.is_none(), out));
+        self.wheels.controllers_of_bus(number).for_each(|controller| controller.on_bus(now, down.is_none(), out));
         match down {
-            _ if !self.has_canopen => {}
-            Some(_) => self.master.handle_bus_down(now),
-            None => self.master.handle_timeout(now),
+            _ if !net.has_canopen => {}
+            Some(_) => net.master.handle_bus_down(now),
+            None => net.master.handle_timeout(now),
         }
     }
 
@@ -512,37 +518,35 @@ impl Canbus {
             _ => return true,
         };
         line.on_port(down, out);
-        self.wheels.controllers_on(Some(number)).for_each(|controller| controller.on_bus(now, down.is_none(), out));
+        self.wheels.controllers_on(number).for_each(|controller| controller.on_bus(now, down.is_none(), out));
         true
     }
 
     /// A frame was received: of a motor controller, or of CANopen.
-    fn on_frame(&mut self, now: Instant, at: Instant, frame: &Frame, out: &mut Actions) {
-        if let Some(bus) = &mut self.bus {
+    fn on_frame(&mut self, now: Instant, at: Instant, port: PortId, frame: &Frame, out: &mut Actions) {
+        let Some(number) = self.net_at(port) else { return };
+        if let Some(bus) = &mut self.nets[number].bus {
             bus.count_frame(frame);
         }
         let mut foreign = None;
-        for controller in self.wheels.controllers_mut() {
+        for controller in self.wheels.controllers_of_bus(number) {
             foreign = controller.on_foreign(now, frame).or(foreign);
         }
         if let Some(name) = foreign {
-            self.on_second_master(now, format_args!("a command to the {name} drive"), out);
+            self.on_second_master(now, number, format_args!("a command to the {name} drive"), out);
         }
-        if !self.wheels.iter_mut().any(|wheel| wheel.on_frame(now, frame, out)) && self.has_canopen {
-            self.master.handle_rx_at(now, at, frame);
+        let mut wheels = self.wheels.iter_mut().filter(|wheel| wheel.bus == number);
+        let net = &mut self.nets[number];
+        if !wheels.any(|wheel| wheel.on_frame(now, frame, out)) && net.has_canopen {
+            net.master.handle_rx_at(now, at, frame);
         }
-    }
-
-    fn on_second_master(&mut self, now: Instant, by: impl std::fmt::Display, out: &mut Actions) {
-        let bus = self.bus_name();
-        let message = format!("another program commands the drives on {bus} ({by}): the robot stops");
-        out.raise(Severity::Error, Fault::SecondMaster, bus, message);
-        self.deadlines.set(Timer::SecondMaster, now + SECOND_MASTER_TIMEOUT);
     }
 
     fn on_master(&mut self, now: Instant, out: &mut Actions) {
-        while let Some(event) = self.master.poll_event() {
-            self.on_can_event(now, event, out);
+        for bus in 0..self.nets.len() {
+            while let Some(event) = self.nets[bus].master.poll_event() {
+                self.on_can_event(now, bus, event, out);
+            }
         }
         let working = self.wheels.are_up() && self.drives().all(drive::Drive::is_booted);
         // The module is starting until its first success; pending conditions have been reported.
@@ -552,9 +556,11 @@ impl Canbus {
         }
     }
 
-    fn on_can_event(&mut self, now: Instant, event: CanEvent, out: &mut Actions) {
+    fn on_can_event(&mut self, now: Instant, bus: usize, event: CanEvent, out: &mut Actions) {
+        let on_bus = |id: u8| NodeAt { bus, id };
         match event {
             CanEvent::Booted { node } => {
+                let node = on_bus(node);
                 let (subject, name) = self.name_of(node);
                 out.clear(Fault::NodeClash, subject, format!("{name} answers once"));
                 if let Some(drive) = self.drive_mut(node) {
@@ -570,12 +576,14 @@ impl Canbus {
                 }
             }
             CanEvent::BootFailed { node, step, reason } => {
+                let node = on_bus(node);
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_boot_failed(step, reason, out);
                 }
                 self.devices.on_boot_failed(node, step, reason, &mut self.around.pause, out);
             }
             CanEvent::Lost { node, reason } => {
+                let node = on_bus(node);
                 self.watch_reset(now, node, reason);
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_lost(reason, out);
@@ -588,12 +596,14 @@ impl Canbus {
                 self.devices.on_lost(node, reason, &mut self.around.pause, out);
             }
             CanEvent::Emergency { node, emergency, suppressed } => {
+                let node = on_bus(node);
                 if let Some(drive) = self.drive_mut(node) {
                     drive.on_emergency(now, &emergency, suppressed, out);
                 }
                 self.devices.on_emergency(now, node, &emergency, suppressed, out);
             }
             CanEvent::Pdo { node, number, data, len } => {
+                let node = on_bus(node);
                 let data = &data[..usize::from(len).min(data.len())];
                 if let Some(wheel) = self.wheels.of_mut(node) {
                     wheel.on_pdo(now, number, data, out);
@@ -603,40 +613,48 @@ impl Canbus {
                     self.devices.on_pdo(now, (node, number), data, &mut self.around.pause, out);
                 }
             }
-            CanEvent::SdoRead { ticket, ref data, .. } => self.on_sdo(now, ticket, Ok(data), &event, out),
-            CanEvent::SdoWritten { ticket, .. } => self.on_sdo(now, ticket, Ok(&[]), &event, out),
-            CanEvent::SdoFailed { ticket, error, .. } => self.on_sdo(now, ticket, Err(error), &event, out),
+            CanEvent::SdoRead { ticket, ref data, .. } => self.on_sdo(now, (bus, ticket), Ok(data), &event, out),
+            CanEvent::SdoWritten { ticket, .. } => self.on_sdo(now, (bus, ticket), Ok(&[]), &event, out),
+            CanEvent::SdoFailed { ticket, error, .. } => self.on_sdo(now, (bus, ticket), Err(error), &event, out),
             CanEvent::Malformed { node, count } => {
-                let message = format!("{count} invalid CANopen frames of node {node} dropped");
-                out.report(Severity::Warning, Fault::CanMalformed, format!("node {node}"), message);
+                let node = self.node_in_words(on_bus(node));
+                let message = format!("{count} invalid CANopen frames of {node} dropped");
+                out.report(Severity::Warning, Fault::CanMalformed, node, message);
             }
             CanEvent::SecondMaster { by } => {
-                self.on_second_master(now, by, out);
-                self.readbacks.iter_mut().for_each(|readback| readback.on_foreign(now, by));
+                self.on_second_master(now, bus, by, out);
+                let drives = self.wheels.drives().chain(self.steering.iter().map(|steering| &steering.drive));
+                for (readback, _) in self.readbacks.iter_mut().zip(drives).filter(|(_, drive)| drive.bus == bus) {
+                    readback.on_foreign(now, by);
+                }
             }
             CanEvent::DuplicateId { node } => {
+                let node = on_bus(node);
                 let (subject, name) = self.name_of(node);
                 // Of a device an input of `[stop]` does that.
                 let stops = if self.devices.name(node).is_some() { "" } else { "; the robot stops" };
-                let bus = self.bus_name();
+                let bus = self.bus_name(bus);
                 let message = format!("{name} resets repeatedly, or two nodes of {bus} have its id{stops}");
                 out.raise(Severity::Error, Fault::NodeClash, subject, message);
             }
             CanEvent::Babbling { node, rate } => {
+                let node = on_bus(node);
                 let (subject, name) = self.name_of(node);
-                let message = format!("{name} floods {}: {rate} frames/s", self.bus_name());
+                let message = format!("{name} floods {}: {rate} frames/s", self.bus_name(bus));
                 out.raise(Severity::Error, Fault::CanBabble, subject, message);
             }
             CanEvent::BabblingOver { node } => {
+                let node = on_bus(node);
                 let (subject, name) = self.name_of(node);
-                out.clear(Fault::CanBabble, subject, format!("{name} no longer floods {}", self.bus_name()));
+                out.clear(Fault::CanBabble, subject, format!("{name} no longer floods {}", self.bus_name(bus)));
             }
             CanEvent::Swapped { node, serial } => {
-                out.note(format!("{} is another device now, serial number {serial:#x}", self.name_of(node).1));
+                let (_, name) = self.name_of(on_bus(node));
+                out.note(format!("{name} is another device now, serial number {serial:#x}"));
             }
-            CanEvent::Stranger { node } if Some(node) == self.stop_watch.node() => {}
+            CanEvent::Stranger { node } if Some(on_bus(node)) == self.stop_watch.node() => {}
             CanEvent::Stranger { node } => {
-                out.note(format!("node {node} on {} is not in the configuration", self.bus_name()));
+                out.note(format!("node {node} on {} is not in the configuration", self.bus_name(bus)));
             }
             // Reported for each drive.
             CanEvent::Ready | CanEvent::NotReady => {}
@@ -647,11 +665,12 @@ impl Canbus {
     fn on_sdo(
         &mut self,
         now: Instant,
-        ticket: Ticket,
+        (bus, ticket): (usize, Ticket),
         result: Result<&[u8], sdo::Error>,
         event: &CanEvent,
         out: &mut Actions,
     ) {
+        let on_bus = |id: u8| NodeAt { bus, id };
         // External requests come first: the object may be one that the driver reads, too.
         if self.requests.on_end(now, ticket, result, out)
             || self.stop_watch.on_sdo(now, ticket, result.ok())
@@ -666,13 +685,13 @@ impl Canbus {
         }
         match *event {
             CanEvent::SdoRead { node, index, sub: 0, ref data, .. } if MEASURED_OBJECTS.contains(&index) => {
-                self.on_measured(now, node, index, data, out);
-                if let Some(drive) = self.drive_mut(node) {
+                self.on_measured(now, on_bus(node), index, data, out);
+                if let Some(drive) = self.drive_mut(on_bus(node)) {
                     drive.on_answer(now, None, out);
                 }
             }
             CanEvent::SdoFailed { node, index, sub: 0, error, .. } if MEASURED_OBJECTS.contains(&index) => {
-                if let Some(drive) = self.drive_mut(node) {
+                if let Some(drive) = self.drive_mut(on_bus(node)) {
                     drive.on_answer(now, Some(error), out);
                 }
             }
@@ -683,9 +702,11 @@ impl Canbus {
     /// A transfer of the objects that are read back has ended; false if it is another transfer.
     fn on_read_back(&mut self, now: Instant, ticket: Ticket, data: Option<&[u8]>, out: &mut Actions) -> bool {
         let axes = self.wheels.drive_axes().chain(self.steering.iter().map(|_| Axis::Steering));
-        for (readback, axis) in self.readbacks.iter_mut().zip(axes) {
+        let drives = self.wheels.drives().chain(self.steering.iter().map(|steering| &steering.drive));
+        for ((readback, axis), drive) in self.readbacks.iter_mut().zip(axes).zip(drives) {
             let name = axis.name();
-            let Some(found) = readback.on_sdo(now, ticket, data, &mut self.master) else { continue };
+            let master = &mut self.nets[drive.bus].master;
+            let Some(found) = readback.on_sdo(now, ticket, data, master) else { continue };
             match found {
                 Some(Found::Changed { index, sub }) => {
                     let what =
@@ -705,11 +726,11 @@ impl Canbus {
 
     /// Reads the state of a drive: event-driven PDOs report changes only, and the first ones may have been sent before
     /// the node counted as started.
-    fn read_measured(&mut self, now: Instant, node: u8) {
+    fn read_measured(&mut self, now: Instant, node: NodeAt) {
         let measured = if self.wheels.place(node).is_some() { VELOCITY } else { POSITION };
         for index in [measured, STATUSWORD] {
             // The queue of a freshly booted node has room for all of them.
-            if self.master.sdo_read(now, node, index, 0).is_ok()
+            if self.nets[node.bus].master.sdo_read(now, node.id, index, 0).is_ok()
                 && let Some(drive) = self.drive_mut(node)
             {
                 drive.on_asked();
@@ -717,7 +738,7 @@ impl Canbus {
         }
     }
 
-    fn on_measured(&mut self, now: Instant, node: u8, index: u16, data: &[u8], out: &mut Actions) {
+    fn on_measured(&mut self, now: Instant, node: NodeAt, index: u16, data: &[u8], out: &mut Actions) {
         match (index, data) {
             (VELOCITY, &[a, b, c, d]) => {
                 if let Some(wheel) = self.wheels.of_mut(node) {
@@ -739,19 +760,20 @@ impl Canbus {
     }
 
     /// Name of a node as the subject of reports, and for people.
-    fn name_of(&self, node: u8) -> (String, String) {
+    fn name_of(&self, node: NodeAt) -> (String, String) {
+        let id = node.id;
         if let Some(name) = self.devices.name(node) {
-            return (name.into(), format!("{name} (node {node})"));
+            return (name.into(), format!("{name} (node {id})"));
         }
-        match (self.drives().find(|drive| drive.node == node), node) {
-            (Some(drive), _) => (drive.name.into(), format!("{} drive (node {node})", drive.name)),
-            (None, 0) => (self.bus_name().into(), "somebody".into()),
-            (None, _) => (format!("node {node}"), format!("node {node}")),
+        match (self.drives().find(|drive| drive.at() == node), id) {
+            (Some(drive), _) => (drive.name.into(), format!("{} drive (node {id})", drive.name)),
+            (None, 0) => (self.bus_name(node.bus).into(), "somebody".into()),
+            (None, _) => (self.node_in_words(node), self.node_in_words(node)),
         }
     }
 
-    fn drive_mut(&mut self, node: u8) -> Option<&mut drive::Drive> {
-        self.drives_mut().find(|drive| drive.node == node)
+    fn drive_mut(&mut self, node: NodeAt) -> Option<&mut drive::Drive> {
+        self.drives_mut().find(|drive| drive.at() == node)
     }
 
     /// True if the robot is known to stand.
@@ -761,8 +783,9 @@ impl Canbus {
 
     /// All objections to any motion, in the order in which an engineer would check them.
     fn objections(&self, now: Instant) -> impl Iterator<Item = Objection> + Clone + '_ {
-        let bus = self.bus.as_ref().and_then(Bus::objection).map(Objection::Bus);
-        let second_master = self.deadlines.is_set(Timer::SecondMaster).then_some(Objection::SecondMaster);
+        let buses = self.nets.iter().enumerate();
+        let bus = buses.clone().filter_map(|(n, net)| Some(Objection::Bus(n, net.bus.as_ref()?.objection()?)));
+        let second_master = buses.filter(|(_, net)| !net.is_alone()).map(|(n, _)| Objection::SecondMaster(n));
         let pauses = self.around.pauses(now).map(Objection::Around);
         // With a line that is open and latched last, because an operator's act ends it.
         let around = self.around.others(now).map(Objection::Around);
@@ -779,7 +802,7 @@ impl Canbus {
         let speed = self.stop_watch.objection();
         let guard = self.protection.objection(now).map(Objection::Guard);
         let speed = speed.or(self.agreement.stops.then_some(Objection::Speed(Hold::WheelsDisagree)));
-        let devices = bus.into_iter().chain(second_master).chain(speed).chain(pauses).chain(drives);
+        let devices = bus.chain(second_master).chain(speed).chain(pauses).chain(drives);
         let devices = devices.chain(self.stop_watch.stood()).chain(parameters);
         // Homing last: if it is the only objection, the steering may be moved to resolve it.
         devices.chain(state).chain(around).chain(guard).chain(refused).chain(not_homed.map(Objection::NotHomed))
@@ -861,10 +884,16 @@ impl Canbus {
             self.devices.end();
         }
         self.arbiter.expire_holder(now);
-        self.wheels.iter_mut().for_each(|wheel| wheel.advance(now, &mut self.master, out));
+        for wheel in self.wheels.iter_mut() {
+            let bus = wheel.bus;
+            wheel.advance(now, &mut self.nets[bus].master, out);
+        }
         // When all have their goals: a device may turn two wheels.
         self.serve_controllers(now, out);
-        self.steering.iter_mut().for_each(|steering| steering.advance(now, &mut self.master, out));
+        if let Some(steering) = &mut self.steering {
+            let bus = steering.drive.bus;
+            steering.advance(now, &mut self.nets[bus].master, out);
+        }
         if ends || self.leaves {
             self.leave(now);
         } else {
@@ -877,36 +906,42 @@ impl Canbus {
         self.watch_agreement(now, out);
         self.watch_strain(now, out);
         self.advance_second_way(now, out);
-        let booted: PerWheel<bool> = self.drives().map(drive::Drive::is_booted).collect();
-        for (readback, booted) in self.readbacks.iter_mut().zip(booted) {
-            readback.advance(now, booted, &mut self.master);
+        let drives = self.wheels.drives().chain(self.steering.iter().map(|steering| &steering.drive));
+        for (readback, drive) in self.readbacks.iter_mut().zip(drives) {
+            readback.advance(now, drive.is_booted(), &mut self.nets[drive.bus].master);
         }
         for drive in self.wheels.drives_mut().chain(self.steering.iter_mut().map(|steering| &mut steering.drive)) {
             if drive.must_reboot(now, !rolls) {
-                self.master.reboot(now, drive.node);
+                self.nets[drive.bus].master.reboot(now, drive.node);
             }
         }
         let ask = |drive: &mut drive::Drive| {
-            drive.must_ask_lost(now, self.master.nmt_state(drive.node).is_some()).then_some(drive.node)
+            let master = &self.nets[drive.bus].master;
+            drive.must_ask_lost(now, master.nmt_state(drive.node).is_some()).then_some(drive.at())
         };
-        let mut nodes: Vec<u8> = self.wheels.drives_mut().filter_map(ask).collect();
+        let mut nodes: Vec<NodeAt> = self.wheels.drives_mut().filter_map(ask).collect();
         let outdated = self.drives_mut().map(drive::Drive::take_outdated);
         nodes.extend(outdated.filter_map(|(node, in_doubt)| in_doubt.then_some(node)));
         for node in nodes {
             self.read_measured(now, node);
         }
-        let alone = !self.deadlines.is_set(Timer::SecondMaster);
-        self.read_inputs(now, alone);
-        self.devices.advance(now, alone && self.bus_is_up(), &mut self.master);
+        self.read_inputs(now);
+        for (bus, net) in self.nets.iter_mut().enumerate() {
+            self.devices.advance(now, (bus, net.is_alone() && net.is_up()), &mut net.master);
+        }
         for drive in self.wheels.drives_mut().chain(self.steering.iter_mut().map(|steering| &mut steering.drive)) {
-            drive.watch_motor(now, alone, &mut self.master);
+            let net = &mut self.nets[drive.bus];
+            drive.watch_motor(now, net.is_alone(), &mut net.master);
         }
     }
 
     /// Reads the inputs of drives that stop the robot.
-    fn read_inputs(&mut self, now: Instant, alone: bool) {
-        let booted: PerWheel<(u8, bool)> = self.drives().map(|drive| (drive.node, drive.is_booted())).collect();
-        self.inputs.advance(now, alone, |node| booted.contains(&(node, true)), &mut self.master);
+    fn read_inputs(&mut self, now: Instant) {
+        let booted: Vec<(NodeAt, bool)> = self.drives().map(|drive| (drive.at(), drive.is_booted())).collect();
+        let is_booted = |node| booted.contains(&(node, true));
+        for (bus, net) in self.nets.iter_mut().enumerate() {
+            self.inputs.advance(now, (bus, net.is_alone()), is_booted, &mut net.master);
+        }
     }
 
     fn serve_controllers(&mut self, now: Instant, out: &mut Actions) {
@@ -937,9 +972,9 @@ impl Canbus {
         let off = off && self.devices.are_settled();
         if !self.leaves && (off || late) {
             self.leaves = true;
-            self.master.leave(now);
+            self.nets.iter_mut().for_each(|net| net.master.leave(now));
             self.deadlines.set(Timer::SwitchOff, now + SWITCH_OFF_MAX);
-        } else if self.leaves && (late || self.master.has_left()) {
+        } else if self.leaves && (late || self.nets.iter_mut().all(|net| net.master.has_left())) {
             self.deadlines.clear(Timer::SwitchOff);
             self.left = true;
         }
@@ -1056,9 +1091,8 @@ impl Canbus {
         if self.deadlines.take(Timer::Refused, now) {
             out.clear(Fault::MotionRefused, "", "commands are within limits again");
         }
-        if self.deadlines.take(Timer::SecondMaster, now) {
-            let bus = self.bus_name();
-            out.clear(Fault::SecondMaster, bus, format!("no other master on {bus}"));
+        for bus in self.nets.iter_mut().filter_map(|net| net.bus.as_mut()) {
+            bus.expire_second_master(now, out);
         }
         if self.deadlines.take(Timer::Contested, now) {
             out.clear(Fault::MotionContested, "", "one source commands the motion");
@@ -1136,8 +1170,9 @@ impl Canbus {
     }
 
     fn publish_axes(&self, now: Instant, out: &mut Actions) {
-        let wheels = self.wheels.iter().map(|wheel| wheel.row(&self.master));
-        let axes = wheels.chain(self.steering.iter().map(|steering| steering.row(&self.master))).collect();
+        let wheels = self.wheels.iter().map(|wheel| wheel.row(&self.nets[wheel.bus].master));
+        let steers = self.steering.iter().map(|steering| steering.row(&self.nets[steering.drive.bus].master));
+        let axes = wheels.chain(steers).collect();
         let timestamp = out.timestamp(now);
         out.publish(lowlevel::DataAxes { timestamp, axes });
         let wheels = self.wheels.iter().map(|wheel| wheel.wheel_row(self.config.wheel_circumference));
@@ -1145,19 +1180,43 @@ impl Canbus {
         out.publish(lowlevel::DataWheels { timestamp, wheels });
     }
 
-    fn publish_bus(&mut self, now: Instant, out: &mut Actions) {
-        let Some(mut message) = self.bus.as_mut().map(|bus| bus.message(out.timestamp(now))) else { return };
-        let drives: Vec<_> = self.drives().map(|drive| (drive.name, drive.node)).collect();
-        message.nodes = drives.into_iter().map(|(name, node)| bus::node(name, node, &mut self.master)).collect();
-        let devices: Vec<_> = self.devices.nodes().map(|(name, node)| (name.to_owned(), node)).collect();
-        message.nodes.extend(devices.iter().map(|(name, node)| bus::node(name, *node, &mut self.master)));
-        message.nodes.extend(self.wheels.controllers_on(None).map(|controller| controller.bus_row()));
+    fn publish_bus(&mut self, now: Instant, number: usize, out: &mut Actions) {
+        let drives = self.wheels.drives().chain(self.steering.iter().map(|steering| &steering.drive));
+        let net = &mut self.nets[number];
+        let Some(mut message) = net.bus.as_mut().map(|bus| bus.message(out.timestamp(now))) else { return };
+        let nodes = drives.map(|drive| (drive.name, drive.at())).chain(self.devices.nodes());
+        let nodes = nodes.filter(|(_, node)| node.bus == number);
+        message.nodes = nodes.map(|(name, node)| bus::node(name, node.id, &mut net.master)).collect();
+        message.nodes.extend(self.wheels.controllers_of_bus(number).map(|controller| controller.bus_row()));
         out.publish(message);
+    }
+
+    /// Sends what waits on each CAN bus.
+    fn send_frames(&mut self, now: Instant, out: &mut Actions) {
+        for (number, net) in self.nets.iter_mut().enumerate() {
+            let bus_is_up = net.is_up();
+            let wheels = self.wheels.iter_mut().filter(|wheel| wheel.bus == number);
+            let wheels = wheels.filter_map(|wheel| wheel.blind_stop(now, bus_is_up));
+            let steering = self.steering.iter_mut().filter(|steering| steering.drive.bus == number);
+            let steering = steering.filter_map(|steering| steering.blind_stop(now, bus_is_up));
+            let mut frames: Vec<Frame> = wheels.chain(steering).collect();
+            for controller in self.wheels.controllers_of_bus(number) {
+                frames.extend(std::iter::from_fn(|| controller.poll_frame(now)));
+            }
+            let Net { bus, port, master, has_canopen } = net;
+            let canopen = std::iter::from_fn(|| master.poll_tx().filter(|_| *has_canopen));
+            for frame in frames.into_iter().chain(canopen) {
+                if let Some(bus) = bus {
+                    bus.count_frame(&frame);
+                    out.send_can(*port, frame);
+                }
+            }
+        }
     }
 
     fn publish_lines(&mut self, now: Instant, out: &mut Actions) {
         for (number, line) in self.lines.iter_mut().enumerate() {
-            let nodes = self.wheels.controllers_on(Some(number)).map(|controller| controller.bus_row()).collect();
+            let nodes = self.wheels.controllers_on(number).map(|controller| controller.bus_row()).collect();
             out.publish(line.message(out.timestamp(now), nodes));
         }
     }
@@ -1196,14 +1255,14 @@ impl Module for Canbus {
                 self.deadlines.set(Timer::Motion, now);
                 self.deadlines.set(Timer::Axes, now);
                 self.holds.start(now);
-                if let Some(bus) = &mut self.bus {
+                for bus in self.nets.iter_mut().filter_map(|net| net.bus.as_mut()) {
                     bus.start(now);
                 }
                 if !self.lines.is_empty() {
                     self.deadlines.set(Timer::Lines, now);
                 }
                 // TIME is the time of this process's messages: a step of the wall clock changes neither.
-                self.master.set_time(now, out.timestamp(now));
+                self.nets.iter_mut().for_each(|net| net.master.set_time(now, out.timestamp(now)));
                 self.start_second_way(now, out);
                 self.report_cap(out);
                 self.report_reservations(out);
@@ -1218,41 +1277,33 @@ impl Module for Canbus {
             Event::Message { at, from, message } => self.on_message(now, at, from, message, out),
             Event::Port { port, input } if self.stop_watch.on_port(now, port, &input) => {}
             Event::Port { port, input } if self.on_line(now, port, &input, out) => {}
-            Event::Port { input: Input::Can { frame, at }, .. } => {
-                self.on_frame(now, at, &frame, out);
+            Event::Port { port, input: Input::Can { frame, at } } => {
+                self.on_frame(now, at, port, &frame, out);
             }
-            Event::Port { input: Input::CanNotice(notice), .. } => {
-                if let Some(bus) = &mut self.bus {
+            Event::Port { port, input: Input::CanNotice(notice) } => {
+                let net = self.net_at(port).and_then(|bus| self.nets.get_mut(bus));
+                if let Some(bus) = net.and_then(|net| net.bus.as_mut()) {
                     bus.on_notice(now, notice, out);
                 }
             }
-            Event::Port { input: Input::Up, .. } => self.on_port(now, None, out),
-            Event::Port { input: Input::Down(why), .. } => self.on_port(now, Some(why), out),
+            Event::Port { port, input: Input::Up } => self.on_port(now, port, None, out),
+            Event::Port { port, input: Input::Down(why) } => self.on_port(now, port, Some(why), out),
             Event::State(state) => self.state = state,
-            Event::Timer if self.bus_is_up() && self.has_canopen => self.master.handle_timeout(now),
-            Event::Port { .. } | Event::RawMessage { .. } | Event::Process(_) | Event::Timer => {}
+            Event::Timer => {
+                self.nets.iter_mut().filter(|net| net.is_served()).for_each(|net| net.master.handle_timeout(now));
+            }
+            Event::Port { .. } | Event::RawMessage { .. } | Event::Process(_) => {}
         }
         self.serve_controllers(now, out);
         self.on_master(now, out);
         self.decide(now, out);
         self.on_master(now, out);
-        let bus_is_up = self.bus_is_up();
-        let wheels = self.wheels.iter_mut().filter_map(|wheel| wheel.blind_stop(now, bus_is_up));
-        let steering = self.steering.iter_mut().filter_map(|steering| steering.blind_stop(now, bus_is_up));
-        let mut frames: Vec<Frame> = wheels.chain(steering).collect();
-        for controller in self.wheels.controllers_mut() {
-            frames.extend(std::iter::from_fn(|| controller.poll_frame(now)));
-        }
-        let canopen = std::iter::from_fn(|| self.master.poll_tx().filter(|_| self.has_canopen));
-        for frame in frames.into_iter().chain(canopen) {
-            if let Some(bus) = &mut self.bus {
-                bus.count_frame(&frame);
-                out.send_can(CAN, frame);
-            }
-        }
+        self.send_frames(now, out);
         self.lines.iter_mut().for_each(|line| line.send(now, out));
-        if self.bus.as_mut().is_some_and(|bus| bus.handle_timeout(now, out)) {
-            self.publish_bus(now, out);
+        for bus in 0..self.nets.len() {
+            if self.nets[bus].bus.as_mut().is_some_and(|own| own.handle_timeout(now, out)) {
+                self.publish_bus(now, bus, out);
+            }
         }
         if self.deadlines.tick(Timer::Lines, now, LINES_PERIOD) {
             self.publish_lines(now, out);
@@ -1282,12 +1333,12 @@ impl Module for Canbus {
             self.deadlines.next(),
             Some(self.holds.next()),
             self.ignored.poll_timeout(),
-            self.master.poll_timeout().filter(|_| self.bus_is_up() && self.has_canopen),
-            self.bus.as_ref().and_then(Bus::poll_timeout),
+            self.nets.iter().filter(|net| net.is_served()).filter_map(|net| net.master.poll_timeout()).min(),
+            self.nets.iter().filter_map(|net| net.bus.as_ref()?.poll_timeout()).min(),
             self.readbacks.iter().filter_map(Readback::poll_timeout).min(),
             self.stop_watch.poll_timeout(),
-            self.inputs.poll_timeout(|node| self.drives().any(|drive| drive.node == node && drive.is_booted())),
-            self.devices.poll_timeout(!self.deadlines.is_set(Timer::SecondMaster) && self.bus_is_up()),
+            self.inputs.poll_timeout(|node| self.drives().any(|drive| drive.at() == node && drive.is_booted())),
+            self.devices.poll_timeout(|bus| self.nets.get(bus).is_some_and(|net| net.is_alone() && net.is_up())),
             self.wheels.iter().filter_map(Propulsion::poll_timeout).min(),
             self.steering.as_ref().and_then(Steering::poll_timeout),
             self.body.poll_timeout(),
@@ -1300,7 +1351,7 @@ impl Module for Canbus {
     /// The drives keep the robot's last speed until their ramp is done: the process and its heartbeat stay until then,
     /// and until they are switched off.
     fn finished(&self) -> bool {
-        let is_reached = self.bus_is_up() || self.lines.iter().any(LinePort::is_up);
+        let is_reached = self.nets.iter().any(Net::is_up) || self.lines.iter().any(LinePort::is_up);
         !is_reached || self.left
     }
 }

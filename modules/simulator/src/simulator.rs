@@ -24,6 +24,7 @@ use crate::random::Random;
 use crate::scene::Scene;
 use crate::sonar::Sonar;
 use crate::world::World;
+use base::can::Frame;
 use base::{Deadlines, Duration, Fault, Instant, Severity};
 use kinematics::Chassis;
 use messages::{Channel, Message, simulation};
@@ -80,7 +81,7 @@ pub struct SerialConfig {
     pub boards: Vec<BoardConfig>,
 }
 
-/// The CAN bus and its drives.
+/// A CAN bus and its drives.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CanConfig {
     /// The bus's name, as its driver has it: `can.main`.
@@ -110,6 +111,8 @@ pub struct Config {
     pub seed: u64,
     /// The CAN bus.
     pub can: Option<CanConfig>,
+    /// Further CAN buses, with names of their own.
+    pub further: Vec<CanConfig>,
     /// Serial lines with motor controllers.
     pub drive_lines: Vec<DriveLineConfig>,
     /// The serial buses.
@@ -154,6 +157,7 @@ impl Default for Config {
             sonar: Sonar::default(),
             seed: 1,
             can: None,
+            further: Vec::new(),
             drive_lines: Vec::new(),
             serial: Vec::new(),
             i2c: Vec::new(),
@@ -190,20 +194,22 @@ base::deadlines! {
     }
 }
 
-/// The module `simulator`. Its ports: the CAN bus, if there is one, then the serial and the I2C buses in the order of
-/// its configuration, then the 1-Wire bus, if there is one, the computer's temperatures, the gamepad, the GPIO line,
-/// the lines of `driver_io`, the lidars, the inertial measurement units that have a line of their own, and the lines of
-/// motor controllers.
+/// The module `simulator`. Its ports: the first CAN bus, if there is one, then the serial and the I2C buses in the
+/// order of its configuration, then the 1-Wire bus, if there is one, the computer's temperatures, the gamepad, the GPIO
+/// line, the lines of `driver_io`, the lidars, the inertial measurement units that have a line of their own, the lines
+/// of motor controllers, and the further CAN buses.
 pub struct Simulator {
     config: Config,
     ports: Vec<PortSpec>,
     scene: Scene,
     drives: Vec<Drive>,
     drive_lines: Vec<DriveLine>,
-    output: Option<FeedOutput>,
+    /// Output of a node that feeds the motors, and the number of its CAN bus.
+    output: Option<(FeedOutput, usize)>,
     devices: Vec<IoNode>,
     feed_line: Option<FeedLine>,
-    can: CanLine,
+    /// The CAN buses, at least one, also where there is none.
+    can: Vec<CanLine>,
     lines: Vec<SerialLine>,
     auxiliary: Auxiliary,
     gamepad: Gamepad,
@@ -223,8 +229,8 @@ impl Simulator {
     /// The simulator of this configuration; its time begins with its start.
     #[must_use]
     pub fn new(config: Config) -> Self {
-        let can =
-            config.can.iter().map(|can| PortSpec { bus: can.bus.clone(), line: Line::Can { bitrate: can.bitrate } });
+        let of_can = |can: &CanConfig| PortSpec { bus: can.bus.clone(), line: Line::Can { bitrate: can.bitrate } };
+        let can = config.can.iter().map(of_can);
         let serial = config
             .serial
             .iter()
@@ -254,7 +260,7 @@ impl Simulator {
             .drive_lines
             .iter()
             .map(|line| PortSpec { bus: line.bus.clone(), line: Line::Serial { baud: line.baud } });
-        let ports = ports.chain(lidars).chain(imus).chain(drive_lines);
+        let ports = ports.chain(lidars).chain(imus).chain(drive_lines).chain(config.further.iter().map(of_can));
         let ports = ports.collect();
         Self {
             scene: scene(&config, Instant::ZERO),
@@ -263,7 +269,7 @@ impl Simulator {
             output: None,
             devices: Vec::new(),
             feed_line: None,
-            can: can_line(&config),
+            can: can_lines(&config),
             lines: Vec::new(),
             auxiliary: Auxiliary::new(&[], None, None, Instant::ZERO),
             gamepad: Gamepad::default(),
@@ -296,9 +302,14 @@ impl Simulator {
         let (w1, host) = (self.config.w1.as_ref(), self.config.host.as_ref());
         self.auxiliary = Auxiliary::new(&self.config.i2c, w1, host, now);
         let body = self.scene.body();
-        self.can = can_line(&self.config);
-        let drives = self.config.can.iter().flat_map(|can| &can.drives);
-        self.drives = drives.map(|drive| Drive::new(drive.clone(), body)).collect();
+        self.can = can_lines(&self.config);
+        let drives = self.buses().flat_map(|(bus, can)| can.drives.iter().map(move |drive| (bus, drive)));
+        let drive = |(bus, config): (usize, &DriveConfig)| {
+            let mut drive = Drive::new(config.clone(), body);
+            drive.bus = bus;
+            drive
+        };
+        self.drives = drives.map(drive).collect();
         for drive in &mut self.drives {
             drive.power_on(now, body);
         }
@@ -307,10 +318,15 @@ impl Simulator {
         for line in &mut self.drive_lines {
             line.power_on(now, self.scene.body());
         }
-        let output = self.config.can.as_ref().and_then(|can| can.output);
-        self.output = output.map(|output| FeedOutput::new(output, now));
-        let devices = self.config.can.iter().flat_map(|can| &can.devices);
-        self.devices = devices.map(|device| IoNode::new(device.clone(), now)).collect();
+        let output = self.buses().find_map(|(bus, can)| Some((can.output?, bus)));
+        self.output = output.map(|(output, bus)| (FeedOutput::new(output, now), bus));
+        let devices = self.buses().flat_map(|(bus, can)| can.devices.iter().map(move |device| (bus, device)));
+        let device = |(bus, config): (usize, &IoNodeConfig)| {
+            let mut device = IoNode::new(config.clone(), now);
+            device.bus = bus;
+            device
+        };
+        self.devices = devices.map(device).collect();
         self.feed_line = self.config.line.as_ref().map(|_| FeedLine::default());
         self.deadlines = Deadlines::new().with(Timer::Truth, now).with(Timer::Clock, now);
         // Without drops the floor rangers find nothing.
@@ -353,7 +369,27 @@ impl Simulator {
     }
 
     fn first_drive_line(&self) -> usize {
-        self.ports.len() - self.config.drive_lines.len()
+        self.first_further() - self.config.drive_lines.len()
+    }
+
+    fn first_further(&self) -> usize {
+        self.ports.len() - self.config.further.len()
+    }
+
+    /// The CAN buses with their numbers.
+    fn buses(&self) -> impl Iterator<Item = (usize, &CanConfig)> {
+        let first = self.config.can.iter().map(|can| (0, can));
+        first.chain((1..).zip(&self.config.further))
+    }
+
+    /// Port of a CAN bus.
+    fn can_port(&self, bus: usize) -> PortId {
+        PortId(bus.checked_sub(1).map_or(0, |place| self.first_further() + place) as u8)
+    }
+
+    /// Number of the CAN bus at a port.
+    fn can_of(&self, port: PortId) -> Option<usize> {
+        self.buses().map(|(bus, _)| bus).find(|bus| self.can_port(*bus) == port)
     }
 
     fn first_imu(&self) -> usize {
@@ -507,7 +543,7 @@ impl Simulator {
         for line in &mut self.lines {
             line.speak(now);
         }
-        let feeds = feeds && self.output.as_ref().is_none_or(FeedOutput::feeds);
+        let feeds = feeds && self.output.as_ref().is_none_or(|(output, _)| output.feeds());
         let feeds = feeds && self.feed_line.as_ref().is_none_or(FeedLine::feeds);
         let motors = feeds && !self.cuts(now, engaged);
         self.scene.demand.unfed = !motors;
@@ -564,11 +600,11 @@ impl Simulator {
         for line in &mut self.drive_lines {
             line.handle_timeout(now, self.scene.body());
         }
-        if let Some(output) = &mut self.output {
+        if let Some((output, _)) = &mut self.output {
             output.handle_timeout(now);
         }
         self.devices.iter_mut().for_each(|device| device.handle_timeout(now));
-        self.can.handle_timeout(now);
+        self.can.iter_mut().for_each(|can| can.handle_timeout(now));
         self.gamepad.handle_timeout(now);
         for line in &mut self.lines {
             line.handle_timeout(now);
@@ -578,6 +614,23 @@ impl Simulator {
         }
         self.lidars.handle_timeout(now, &self.scene);
         self.imus.handle_timeout(now, &self.scene);
+    }
+
+    /// A frame on a CAN bus: all on that bus receive it.
+    fn on_frame(&mut self, now: Instant, port: PortId, frame: &Frame) {
+        let Some(bus) = self.can_of(port) else { return };
+        if !self.can[bus].passes(now, frame) {
+            return;
+        }
+        self.can[bus].handle_rx(now, frame);
+        if let Some((output, _)) = self.output.as_mut().filter(|(_, own)| *own == bus) {
+            output.handle_rx(now, frame);
+        }
+        let devices = self.devices.iter_mut().filter(|device| device.bus == bus);
+        devices.for_each(|device| device.handle_rx(now, frame));
+        for drive in self.drives.iter_mut().filter(|drive| drive.bus == bus) {
+            drive.handle_rx(now, frame, self.scene.body());
+        }
     }
 
     fn truth(&self, timestamp: i64) -> simulation::DataTruth {
@@ -645,7 +698,7 @@ impl Simulator {
                     drive.open(None, now);
                     drive.misread(None, now, self.scene.body());
                     drive.set_layout(now, Layout::Usual, self.scene.body());
-                    self.can.heal_node(drive.config.node);
+                    self.can[drive.bus].heal_node(drive.config.node);
                 }
                 InjectedFault::Fault(code) => drive.fault(now, code, self.scene.body()),
                 InjectedFault::Reboot => drive.power_on(now, self.scene.body()),
@@ -663,7 +716,7 @@ impl Simulator {
                 injected => {
                     let DriveConfig { node, kind, .. } = &drive.config;
                     let objects = kind.dictionary(*node);
-                    return self.can.inject_node(now, *node, injected, until, objects);
+                    return self.can[drive.bus].inject_node(now, *node, injected, until, objects);
                 }
             }
             return true;
@@ -675,7 +728,7 @@ impl Simulator {
         if let Some(line) = self.drive_lines.iter_mut().find(|line| line.config.bus == target) {
             return line.disturb(now, injected, until);
         }
-        if let Some(output) = self.output.as_mut().filter(|_| target == FeedOutput::NAME) {
+        if let Some((output, _)) = self.output.as_mut().filter(|_| target == FeedOutput::NAME) {
             let silent = match injected {
                 InjectedFault::Silent => until,
                 InjectedFault::None => now,
@@ -690,8 +743,9 @@ impl Simulator {
         if let Some(line) = self.feed_line.as_mut().filter(|_| target == FeedLine::NAME) {
             return line.inject(now, injected, until);
         }
-        if self.config.can.as_ref().is_some_and(|can| can.bus == target) {
-            return self.can.inject(now, injected, until);
+        let bus = self.buses().find(|(_, can)| can.bus == target).map(|(bus, _)| bus);
+        if let Some(can) = bus.and_then(|bus| self.can.get_mut(bus)) {
+            return can.inject(now, injected, until);
         }
         if let Some(line) = self.config.serial.iter().position(|serial| serial.bus == target) {
             return self.lines[line].disturb(now, injected, until);
@@ -707,30 +761,38 @@ impl Simulator {
         board.is_some_and(|board| board.inject(now, injected, until, &self.scene))
     }
 
-    fn drain(&mut self, now: Instant, out: &mut Actions) {
-        for drive in &mut self.drives {
+    fn drain_can(&mut self, now: Instant, bus: usize, out: &mut Actions) {
+        let (port, can) = (self.can_port(bus), &mut self.can[bus]);
+        for drive in self.drives.iter_mut().filter(|drive| drive.bus == bus) {
             while let Some(frame) = drive.poll_tx() {
-                if self.can.passes(now, &frame) {
-                    out.send_can(PortId(0), frame);
+                if can.passes(now, &frame) {
+                    out.send_can(port, frame);
                 }
             }
         }
-        while let Some(frame) = self.output.as_mut().and_then(|output| output.poll_tx(now)) {
-            if self.can.passes(now, &frame) {
-                out.send_can(PortId(0), frame);
+        let mut output = self.output.as_mut().filter(|(_, own)| *own == bus);
+        while let Some(frame) = output.as_mut().and_then(|(output, _)| output.poll_tx(now)) {
+            if can.passes(now, &frame) {
+                out.send_can(port, frame);
             }
         }
-        for device in &mut self.devices {
+        for device in self.devices.iter_mut().filter(|device| device.bus == bus) {
             while let Some(frame) = device.poll_tx(now) {
-                if self.can.passes(now, &frame) {
-                    out.send_can(PortId(0), frame);
+                if can.passes(now, &frame) {
+                    out.send_can(port, frame);
                 }
             }
         }
-        while let Some(frame) = self.can.poll_tx(now) {
-            if self.can.passes(now, &frame) {
-                out.send_can(PortId(0), frame);
+        while let Some(frame) = can.poll_tx(now) {
+            if can.passes(now, &frame) {
+                out.send_can(port, frame);
             }
+        }
+    }
+
+    fn drain(&mut self, now: Instant, out: &mut Actions) {
+        for bus in 0..self.can.len() {
+            self.drain_can(now, bus, out);
         }
         let first = usize::from(self.config.can.is_some());
         for (port, line) in (first..).zip(&mut self.lines) {
@@ -757,7 +819,8 @@ impl Simulator {
             }
         }
         while let Some(frame) = self.imus.poll_frame() {
-            if self.config.can.is_some() && self.can.passes(now, &frame) {
+            // Those on CAN are on the first bus.
+            if self.config.can.is_some() && self.can[0].passes(now, &frame) {
                 out.send_can(PortId(0), frame);
             }
         }
@@ -781,9 +844,14 @@ fn boards(lines: &mut [SerialLine]) -> impl Iterator<Item = &mut Board> {
     lines.iter_mut().flat_map(|line| &mut line.boards)
 }
 
-fn can_line(config: &Config) -> CanLine {
-    let bitrate = config.can.as_ref().map_or(1, |can| can.bitrate);
-    CanLine::new(bitrate, config.wire_time, Random::stream(config.seed, u64::from_le_bytes(*b"can line")))
+fn can_lines(config: &Config) -> Vec<CanLine> {
+    let first = config.can.as_ref().map_or(1, |can| can.bitrate);
+    let bitrates = std::iter::once(first).chain(config.further.iter().map(|can| can.bitrate));
+    let line = |(number, bitrate): (u64, u32)| {
+        let chance = u64::from_le_bytes(*b"can line").wrapping_add(number);
+        CanLine::new(bitrate, config.wire_time, Random::stream(config.seed, chance))
+    };
+    (0..).zip(bitrates).map(line).collect()
 }
 
 fn drive_line(config: &DriveLineConfig, wire_time: bool, scene: &Scene) -> DriveLine {
@@ -834,16 +902,7 @@ impl Module for Simulator {
             }
             Event::Port { port, input: Input::Up } => self.on_port_state(now, port, true, out),
             Event::Port { port, input: Input::Down(_) } => self.on_port_state(now, port, false, out),
-            Event::Port { input: Input::Can { frame, .. }, .. } if self.can.passes(now, &frame) => {
-                self.can.handle_rx(now, &frame);
-                if let Some(output) = &mut self.output {
-                    output.handle_rx(now, &frame);
-                }
-                self.devices.iter_mut().for_each(|device| device.handle_rx(now, &frame));
-                for drive in &mut self.drives {
-                    drive.handle_rx(now, &frame, self.scene.body());
-                }
-            }
+            Event::Port { port, input: Input::Can { frame, .. } } => self.on_frame(now, port, &frame),
             Event::Port { port, input: Input::Gpio(signal) } => {
                 let answer = match self.io_of(port) {
                     Some(line) => self.io.on_signal(now, line, signal),
@@ -870,9 +929,10 @@ impl Module for Simulator {
         let parts = parts.chain(self.lines.iter().map(SerialLine::poll_timeout));
         let drives = self.drives.iter().filter_map(Drive::poll_timeout);
         let drives = drives.chain(self.drive_lines.iter().filter_map(DriveLine::poll_timeout));
-        let drives = drives.chain(self.output.as_ref().and_then(FeedOutput::poll_timeout));
+        let drives = drives.chain(self.output.as_ref().and_then(|(output, _)| output.poll_timeout()));
         let drives = drives.chain(self.devices.iter().filter_map(IoNode::poll_timeout));
-        let own = [self.deadlines.next(), step, self.can.poll_timeout(), self.io.poll_timeout()];
+        let can = self.can.iter().filter_map(CanLine::poll_timeout).min();
+        let own = [self.deadlines.next(), step, can, self.io.poll_timeout()];
         let own = own.into_iter().chain([self.lidars.poll_timeout(), self.imus.poll_timeout()]).flatten();
         own.chain(parts).chain(drives).min()
     }

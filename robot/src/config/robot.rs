@@ -437,6 +437,9 @@ impl Io {
 
 /// Longest period in which an input that stops the robot is read: older than 0.5 s it counts as open.
 const STOP_PERIOD_MAX: Duration = Duration::from_millis(200);
+/// Name of the CAN bus that is the first one of several.
+const MAIN: &str = "main";
+const BUS_EXPECTED: &str = r#"the name of a CAN bus of this file, as "can.main""#;
 
 /// The name of a line's port.
 #[must_use]
@@ -543,6 +546,14 @@ impl ModbusBus {
     }
 }
 
+impl CanBus {
+    /// Its name as a bus: that of its table.
+    #[must_use]
+    pub fn bus(&self) -> String {
+        format!("can.{}", self.name)
+    }
+}
+
 impl IoLine {
     /// Its name as a bus: that of its table.
     #[must_use]
@@ -622,21 +633,59 @@ impl Robot {
         !self.serial.is_empty() || self.can.iter().any(|bus| bus.driver.rolls_without_commands())
     }
 
-    /// What `driver_canbus` is configured with, and the number of its CAN bus among `buses`, if it has one; absent
-    /// unless each axis of the base has a drive on that bus or on a serial line. The other modules are to be set.
+    /// What `driver_canbus` is configured with, and the number of its first CAN bus among `buses`, if it has one;
+    /// absent unless each axis of the base has a drive on a CAN bus or on a serial line. The other modules are to be
+    /// set.
     #[must_use]
     pub fn motion(&self, buses: &[CanBus]) -> Option<(Option<usize>, canbus::Config)> {
         let devices = self.io.as_ref().map(Io::devices).unwrap_or_default();
-        let (axes, needs_bus) = (self.axes(), self.stop.feed_output().is_some() || !devices.is_empty());
+        let needs_bus = self.stop.feed_output().is_some() || !devices.is_empty();
         let lines: Vec<canbus::LineConfig> = self.serial.iter().map(SerialLine::line).collect();
         let with = |driver: &canbus::BusConfig, bus| {
             let config = driver.driver_with(bus, lines.clone(), self.base, &self.geometry, self.limits)?;
             Some(canbus::Config { devices: devices.clone(), ..config })
         };
-        let drives = |bus: &CanBus| bus.driver.nodes.iter().any(|node| axes.contains(&node.axis.name()));
-        let mut used = buses.iter().enumerate().filter(|(_, bus)| needs_bus || drives(bus));
-        let on_bus = used.find_map(|(n, bus)| Some((Some(n), with(&bus.driver, Some(format!("can.{}", bus.name)))?)));
+        let used = self.motion_buses(buses);
+        if let [first, _, ..] = used[..] {
+            let several: Vec<_> = used.iter().map(|n| (buses[*n].bus(), &buses[*n].driver)).collect();
+            let lines = lines.clone();
+            let config = canbus::Config::on_buses(&several, lines, self.base, &self.geometry, self.limits)?;
+            return Some((Some(first), canbus::Config { devices, ..config }));
+        }
+        let mut candidates = (0..buses.len()).filter(|n| used.contains(n) || used.is_empty() && needs_bus);
+        let on_bus = candidates.find_map(|n| Some((Some(n), with(&buses[n].driver, Some(buses[n].bus()))?)));
         on_bus.or_else(|| Some((None, with(&canbus::BusConfig::usual(), None)?)).filter(|_| devices.is_empty()))
+    }
+
+    /// Numbers of the CAN buses that have drives of the base, or that are named by the output that feeds the motors or
+    /// by a CANopen device: `main` first, then the others in their order.
+    fn motion_buses(&self, buses: &[CanBus]) -> Vec<usize> {
+        let axes = self.axes();
+        let output = self.stop.feed_output().and(self.stop.output_bus.as_deref());
+        let devices = self.io.iter().flat_map(|io| &io.canopen).filter_map(|device| device.driver.bus.as_deref());
+        let named: Vec<&str> = output.into_iter().chain(devices).collect();
+        let is_used = |bus: &CanBus| {
+            let drives = bus.driver.nodes.iter().any(|node| axes.contains(&node.axis.name()));
+            drives || named.contains(&bus.bus().as_str())
+        };
+        let mut used: Vec<usize> = (0..buses.len()).filter(|n| is_used(&buses[*n])).collect();
+        used.sort_by_key(|n| buses[*n].name != MAIN);
+        used
+    }
+
+    /// The number by which `LL_CMD_SDO` names a node of a CAN bus.
+    #[must_use]
+    pub fn node_number(&self, bus: &CanBus, id: u8) -> i32 {
+        let place = self.buses_of_motion(&self.can).iter().position(|own| own.name == bus.name);
+        canbus::node_number(place.unwrap_or_default(), id)
+    }
+
+    /// The CAN buses of `driver_canbus`, in its order; empty: all drives are on serial lines.
+    #[must_use]
+    pub fn buses_of_motion<'a>(&self, buses: &'a [CanBus]) -> Vec<&'a CanBus> {
+        let Some((first, config)) = self.motion(buses) else { return Vec::new() };
+        let further = config.further.iter().filter_map(|own| buses.iter().find(|bus| bus.bus() == own.bus));
+        first.map(|first| &buses[first]).into_iter().chain(further).collect()
     }
 
     /// Highest speed of a robot that senses nothing, m/s; `None`: it senses something.
@@ -682,6 +731,7 @@ impl Robot {
             self.geometry.check_wheels(self.base.as_ref().map(|base| (base, &self.limits)), &geometry);
         }
         self.check_axes(table);
+        self.check_interfaces(table);
         self.check_lines(table);
         self.check_imus(table);
         self.check_rangers(table, "srfs", &self.srfs, 7);
@@ -689,14 +739,19 @@ impl Robot {
         let ids: Vec<u8> = self.beacons.iter().map(|beacon| beacon.id).collect();
         table.unique("beacons", "id", &ids, "one that no other of the beacons has");
         if let (Some(output), Some(table)) = (self.stop.feed_output(), table.below("stop")) {
+            let on = self.stop.output_bus.as_deref();
+            let buses = || self.can.iter().filter(|bus| on.is_none_or(|on| bus.bus() == on));
             let taken = |bus: &CanBus| {
                 bus.driver.master == output.node || bus.driver.nodes.iter().any(|node| node.id == output.node)
             };
             let ambiguous = |bus: &CanBus| bus.driver.is_ambiguous(output.node);
+            if on.is_some() && buses().next().is_none() {
+                table.refuse("output_bus", BUS_EXPECTED);
+            }
             if let Some(table) = table.below("output") {
-                if self.can.iter().any(taken) {
+                if buses().any(taken) {
                     table.refuse("node", "a node of its own, which is neither a drive nor the master");
-                } else if self.can.iter().any(ambiguous) {
+                } else if buses().any(ambiguous) {
                     table
                         .refuse("node", "a node that has no identifier of a drive without CANopen, nor has the master");
                 }
@@ -823,17 +878,28 @@ impl Robot {
             let Some(table) = table.below(&device.name) else { continue };
             let node = device.driver.node;
             let is_drive = |bus: &CanBus| bus.driver.nodes.iter().any(|own| own.id == node);
+            let on = device.driver.bus.as_deref();
+            let buses = || self.can.iter().filter(|bus| on.is_none_or(|on| bus.bus() == on));
+            // One without the key may be on the same bus.
+            let shares = |other: Option<&str>| on.is_none() || other.is_none() || on == other;
             if self.can.is_empty() {
                 table.refuse("node", "a node of a robot with a table [can.<name>]");
-            } else if self.can.iter().any(is_drive) {
+            } else if buses().next().is_none() {
+                table.refuse("bus", BUS_EXPECTED);
+            } else if buses().any(is_drive) {
                 table.refuse("node", "a node that is no drive of [[can.<name>.nodes]]");
-            } else if self.can.iter().any(|bus| bus.driver.master == node) {
+            } else if buses().any(|bus| bus.driver.master == node) {
                 table.refuse("node", "a node other than the master of [can.<name>]");
-            } else if self.stop.feed_output().is_some_and(|output| output.node == node) {
+            } else if self.stop.feed_output().is_some_and(|output| output.node == node)
+                && shares(self.stop.output_bus.as_deref())
+            {
                 table.refuse("node", "a node other than that of [stop.output], which feeds the motors");
-            } else if io.canopen[..n].iter().any(|other| other.driver.node == node) {
+            } else if io.canopen[..n]
+                .iter()
+                .any(|other| other.driver.node == node && shares(other.driver.bus.as_deref()))
+            {
                 table.refuse("node", "a node that no other table [io.canopen.<name>] has");
-            } else if self.can.iter().any(|bus| bus.driver.is_ambiguous(node)) {
+            } else if buses().any(|bus| bus.driver.is_ambiguous(node)) {
                 table.refuse("node", "a node that has no identifier of a drive without CANopen, nor has the master");
             }
         }
@@ -929,8 +995,14 @@ impl Robot {
             }
         }
         let axes = self.axes();
-        for bus in &self.can {
+        for (place, bus) in self.can.iter().enumerate() {
             let Some(table) = table.below("can").and_then(|buses| buses.below(&bus.name)) else { continue };
+            for (n, node) in bus.driver.nodes.iter().enumerate() {
+                let moves = |other: &&CanBus| other.driver.nodes.iter().any(|own| own.axis == node.axis);
+                if let (Some(other), Some(item)) = (self.can[..place].iter().find(moves), table.item("nodes", n)) {
+                    item.refuse("axis", format_args!("one that no drive of [{}] moves", other.bus()));
+                }
+            }
             let others = bus.driver.nodes.iter().enumerate().filter(|(_, node)| !axes.contains(&node.axis.name()));
             for (n, _) in others {
                 if let Some(item) = table.item("nodes", n) {
@@ -941,6 +1013,19 @@ impl Robot {
                 if let (Some(most), Some(item)) = (node.motor_rpm_max, table.item("nodes", n)) {
                     self.check_motor(node, most, &item);
                 }
+            }
+        }
+    }
+
+    /// Each CAN bus with drives has a wire of its own: two masters on one wire would disturb each other.
+    fn check_interfaces(&self, table: &Table<'_>) {
+        let used = self.motion_buses(&self.can);
+        for (place, bus) in used.iter().enumerate().map(|(place, n)| (place, &self.can[*n])) {
+            let table = table.below("can").and_then(|buses| buses.below(&bus.name));
+            let same = |other: &&CanBus| other.port.interface == bus.port.interface;
+            let other = used[..place].iter().map(|n| &self.can[*n]).find(same);
+            if let (Some(other), Some(table)) = (other, table) {
+                table.refuse("interface", format_args!("one that [{}] does not have", other.bus()));
             }
         }
     }

@@ -439,6 +439,82 @@ fn roboclaw(m1: &str, m2: &str) -> String {
     )
 }
 
+/// The small robot with its steering on a bus of its own, of which it is node 1 as well.
+fn on_two_buses() -> String {
+    let steering = "    { id = 2, driver = \"icla\", axis = \"steering\", gear = 180, switch_rad = 0, \
+                    homing_speed_radps = 0.2 },\n";
+    let second = steering.replace("id = 2", "id = 1");
+    let second = format!("[can.second]\ninterface = \"can1\"\nbitrate = 250000\nmaster = 100\nnodes = [\n{second}]\n");
+    assert!(ROBOT.contains(steering));
+    ROBOT.replace(steering, "").replace("[rs485.a]", &(second + "[rs485.a]"))
+}
+
+#[test]
+fn drives_may_be_on_several_can_buses_with_equal_ids() {
+    let robot = load(&on_two_buses(), "", &[], MODULES).unwrap().robot;
+    let (bus, driver) = robot.motion(&robot.can).unwrap();
+    assert_eq!((bus, driver.bus.as_deref(), driver.bitrate, driver.node_id), (Some(0), Some("can.main"), 500_000, 127));
+    let [further] = &driver.further[..] else { panic!("{:?}", driver.further) };
+    assert_eq!((further.bus.as_str(), further.bitrate, further.node_id), ("can.second", 250_000, 100));
+    assert_eq!(further.axes, [canbus::Axis::Steering]);
+    assert_eq!((driver.wheels[0].node, driver.steering.unwrap().node), (1, 1));
+    // The one called main is the first, whatever the order of the names.
+    let other = on_two_buses().replace("can.second", "can.axle");
+    let robot = load(&other, "", &[], MODULES).unwrap().robot;
+    let names = |robot: &Robot| robot.buses_of_motion(&robot.can).iter().map(|bus| bus.bus()).collect::<Vec<_>>();
+    assert_eq!(names(&robot), ["can.main", "can.axle"]);
+    // A bus without drives of the base is not one of its buses.
+    let alone = load(&(ROBOT.to_owned() + "[can.axle]\ninterface = \"can1\"\n"), "", &[], MODULES).unwrap().robot;
+    assert_eq!(names(&alone), ["can.main"]);
+    assert_eq!(alone.motion(&alone.can).unwrap().1.further, []);
+}
+
+#[test]
+fn what_is_wrong_with_two_buses_is_refused_where_it_is_written() {
+    let line = |text: &str, what: &str| text.lines().position(|line| line.contains(what)).unwrap() + 1;
+    let twice = on_two_buses().replace(
+        "driver = \"icla\", axis = \"steering\", gear = 180, switch_rad = 0, homing_speed_radps = 0.2",
+        "driver = \"epos\", axis = \"propulsion\", gear = 25",
+    );
+    let at = line(&twice, "gear = 25");
+    let expected = "can.second.nodes[0].axis = \"propulsion\": expected one that no drive of [can.main] moves";
+    assert_eq!(load(&twice, "", &[], MODULES).unwrap_err(), [format!("robot.toml:{at}: {expected}")]);
+    let shared = on_two_buses().replace("interface = \"can1\"", "interface = \"can0\"  # shared");
+    let at = line(&shared, "# shared");
+    let expected = "can.second.interface = \"can0\": expected one that [can.main] does not have";
+    assert_eq!(load(&shared, "", &[], MODULES).unwrap_err(), [format!("robot.toml:{at}: {expected}")]);
+}
+
+#[test]
+fn output_and_devices_name_their_bus() {
+    let tables = |output: &str, device: &str| {
+        on_two_buses()
+            + &format!(
+                "[stop]\nsecond_way = \"canopen\"\n{output}\noutput = {{ node = 1, index = 0x6200 }}\n\
+                 [io.canopen.plc]\n\
+                 node = 2\n{device}\nsignals = [{{ name = \"estop\", kind = \"digital-in\", channel = 3 }}]\n"
+            )
+    };
+    let third = "[can.third]\ninterface = \"can2\"\n";
+    let good = tables("output_bus = \"can.third\"", "bus = \"can.second\"") + third;
+    let robot = load(&good, "", &[], MODULES).unwrap().robot;
+    let names: Vec<String> = robot.buses_of_motion(&robot.can).iter().map(|bus| bus.bus()).collect();
+    assert_eq!(names, ["can.main", "can.second", "can.third"]);
+    let (_, driver) = robot.motion(&robot.can).unwrap();
+    assert_eq!((driver.stop.output_bus.is_none(), driver.devices[0].keys.bus.as_deref()), (true, Some("can.second")));
+    let taken = "a node of its own, which is neither a drive nor the master";
+    let bus = "expected the name of a CAN bus of this file, as \"can.main\"";
+    for (output, device, expected) in [
+        ("", "", format!("stop.output.node = 1: expected {taken}")),
+        ("output_bus = \"can.second\"", "", format!("stop.output.node = 1: expected {taken}")),
+        ("output_bus = \"can.fourth\"", "", format!("stop.output_bus = \"can.fourth\": {bus}")),
+        ("output_bus = \"can.third\"", "bus = \"second\"", format!("io.canopen.plc.bus = \"second\": {bus}")),
+    ] {
+        let wrong = load(&(tables(output, device) + third), "", &[], MODULES).unwrap_err();
+        assert!(wrong.len() == 1 && wrong[0].ends_with(&format!(": {expected}")), "{wrong:?}");
+    }
+}
+
 const GPIO_STOP: &str = "[stop]\nsecond_way = \"gpio\"\ngpio = { chip = \"/dev/gpiochip0\", line = 17 }\n";
 
 #[test]

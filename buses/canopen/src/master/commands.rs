@@ -93,7 +93,7 @@ impl Master {
         {
             return Err(RequestError::TooLong);
         }
-        let ticket = Ticket(self.tickets);
+        let ticket = Ticket(self.shared.config.tickets, self.tickets);
         let demand = Demand { ticket, index, sub, transfer };
         let shared = &mut self.shared;
         match self.peers.get(node) {

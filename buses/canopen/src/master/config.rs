@@ -39,6 +39,8 @@ pub struct MasterConfig {
     /// True if the bus returns own frames (UDP multicast does, SocketCAN does not); default false. Each frame of our
     /// own may then come back once before a second master is reported.
     pub own_frames_return: bool,
+    /// Series of its tickets; default 0. Masters of several buses whose tickets are kept together have one each.
+    pub tickets: u8,
 }
 
 impl Default for MasterConfig {
@@ -57,6 +59,7 @@ impl Default for MasterConfig {
             sdo_retries: 2,
             retry: Duration::from_secs(1),
             own_frames_return: false,
+            tickets: 0,
         }
     }
 }

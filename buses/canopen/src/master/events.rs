@@ -5,9 +5,9 @@ use crate::{Payload, sdo};
 use base::listed;
 use core::fmt;
 
-/// Which request an SDO event answers.
+/// Which request an SDO event answers: the series of its master, and a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Ticket(pub(super) u32);
+pub struct Ticket(pub(super) u8, pub(super) u32);
 
 listed! {
     /// A step of the boot-up of a node, in their order.

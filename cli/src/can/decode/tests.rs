@@ -14,6 +14,7 @@ fn decoder() -> Decoder {
         bitrate: 500_000,
         known: vec![known(1, "propulsion", Drive::Epos(EposConfig { gear: 1.0 }))],
         master: None,
+        numbers_from: 0,
     };
     Decoder::new(Book::new(&target, None).unwrap())
 }

@@ -22,6 +22,8 @@ base::deadlines! {
         Statistics,
         /// A missing acknowledgement no longer blocks motion. Set while it does.
         Unacknowledged,
+        /// Another master on the bus has been silent for long enough. Set while it blocks motion.
+        SecondMaster,
     }
 }
 
@@ -60,6 +62,28 @@ impl Bus {
 
     pub(super) fn is_up(&self) -> bool {
         self.up
+    }
+
+    pub(super) fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// True unless another master has been seen recently.
+    pub(super) fn is_alone(&self) -> bool {
+        !self.deadlines.is_set(Timer::SecondMaster)
+    }
+
+    /// Another master blocks motion until then.
+    pub(super) fn set_second_master(&mut self, until: Instant) {
+        self.deadlines.set(Timer::SecondMaster, until);
+    }
+
+    /// Ends the block by another master that has been silent for long enough.
+    pub(super) fn expire_second_master(&mut self, now: Instant, out: &mut Actions) {
+        if self.deadlines.take(Timer::SecondMaster, now) {
+            let name = self.name.as_str();
+            out.clear(Fault::SecondMaster, name, format!("no other master on {name}"));
+        }
     }
 
     /// Counts a frame on the wire, sent or received.

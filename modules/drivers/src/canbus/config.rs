@@ -109,6 +109,9 @@ settings! {
         second_way: SecondWay = SecondWay::Power;
         /// The output that `second_way = "canopen"` switches.
         output: Option<OutputConfig> = optional;
+        /// CAN bus of that output, where the drives are on several: `"can.second"`. Absent: the first one, `can.main`
+        /// if there is one.
+        output_bus: Option<String> = optional;
         /// The line that `second_way = "gpio"` switches.
         gpio: Option<GpioConfig> = optional;
         /// What becomes of a wheel that gains speed against its own brake, as one whose encoder counts backwards does,
@@ -384,6 +387,8 @@ impl From<kinematics::Error> for ConfigError {
 pub struct Config {
     /// The CAN bus's name: `can.main`; none: all drives are on serial lines.
     pub bus: Option<String>,
+    /// Further CAN buses, with the axes whose drives are on them; all others are on the first bus or on a line.
+    pub further: Vec<FurtherBus>,
     /// Serial lines, each with the device that turns one or two wheels.
     pub lines: Vec<LineConfig>,
     /// bit/s.
@@ -435,6 +440,69 @@ pub struct Config {
     pub steering: Option<SteeringConfig>,
     /// Devices with inputs and outputs on the CAN bus.
     pub devices: Vec<Canopen>,
+}
+
+/// A further CAN bus of the drives; node ids are its own.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FurtherBus {
+    /// Its name: `can.second`.
+    pub bus: String,
+    /// bit/s.
+    pub bitrate: u32,
+    /// Node id of this master there, 1..=127.
+    pub node_id: u8,
+    /// Period of SYNC, if any drive there needs it.
+    pub sync: Option<Duration>,
+    /// Period of TIME, if any node there keeps a clock.
+    pub time: Option<Duration>,
+    /// What its drives move.
+    pub axes: Vec<Axis>,
+}
+
+impl Config {
+    /// Number of the CAN bus of an axis's drive: 0 is the first one, and that of a drive on a serial line.
+    pub(super) fn bus_of(&self, axis: Axis) -> usize {
+        self.further.iter().position(|bus| bus.axes.contains(&axis)).map_or(0, |place| place + 1)
+    }
+
+    /// Number of the CAN bus of this name; the first one without a name, or of a name that no further bus has.
+    pub(super) fn bus_number(&self, name: Option<&str>) -> usize {
+        let named = |name: &str| self.further.iter().position(|bus| bus.bus == name);
+        name.and_then(named).map_or(0, |place| place + 1)
+    }
+
+    /// Period of SYNC and node id of the master, on the CAN bus of an axis's drive.
+    pub(super) fn sync_and_master(&self, axis: Axis) -> (Option<Duration>, u8) {
+        let further = self.bus_of(axis).checked_sub(1).and_then(|place| self.further.get(place));
+        further.map_or((self.sync, self.node_id), |bus| (bus.sync, bus.node_id))
+    }
+
+    /// The same of several CAN buses, in their order, with their names: each axis of the base has a drive on one of
+    /// them or on a line. Ids of nodes are those of their buses. Absent: an axis has no drive.
+    #[must_use]
+    pub fn on_buses(
+        buses: &[(String, &BusConfig)],
+        lines: Vec<LineConfig>,
+        base: Option<Base>,
+        geometry: &Geometry,
+        limits: Limits,
+    ) -> Option<Self> {
+        let ((name, first), others) = buses.split_first()?;
+        let nodes = buses.iter().flat_map(|(_, bus)| bus.nodes.iter().cloned()).collect();
+        let steers = buses.iter().find(|(_, bus)| bus.node(Axis::Steering).is_some());
+        let homing_release = steers.map_or(first, |(_, bus)| bus).homing_release;
+        let together = BusConfig { nodes, homing_release, ..(*first).clone() };
+        let further = |(name, bus): &(String, &BusConfig)| FurtherBus {
+            bus: name.clone(),
+            bitrate: bus.bitrate,
+            node_id: bus.master,
+            sync: bus.sync,
+            time: bus.time,
+            axes: bus.nodes.iter().map(|node| node.axis).collect(),
+        };
+        let config = together.driver_with(Some(name.clone()), lines, base, geometry, limits)?;
+        Some(Self { further: others.iter().map(further).collect(), ..config })
+    }
 }
 
 /// The drive of a wheel, or of an axle, in profile velocity mode.
@@ -643,6 +711,7 @@ impl BusConfig {
         };
         Some(Config {
             bus,
+            further: Vec::new(),
             lines,
             bitrate: self.bitrate,
             node_id: self.master,

@@ -18,6 +18,7 @@
 //! `driver_io` publishes the values, and commands the outputs. The stop does not depend on it.
 
 use super::config::Stop;
+use super::net::NodeAt;
 use super::pause::PauseLine;
 use crate::io::{Canopen, CanopenKeys, ObjectKeys, ObjectKind, ObjectPlace};
 use base::{Duration, Fault, Instant, Level, Severity};
@@ -140,6 +141,8 @@ enum Asked {
 #[derive(Debug)]
 struct Device {
     name: String,
+    /// Number of its CAN bus.
+    bus: usize,
     keys: CanopenKeys,
     values: Vec<Value>,
     objects: Vec<Object>,
@@ -177,9 +180,11 @@ pub(super) fn has_signal(devices: &[Canopen], name: &str) -> bool {
 }
 
 impl Devices {
-    pub(super) fn new(devices: &[Canopen], stop: &Stop) -> Self {
+    /// `bus_of`: number of the bus of this name.
+    pub(super) fn new(devices: &[Canopen], stop: &Stop, bus_of: impl Fn(Option<&str>) -> usize) -> Self {
+        let device = |device: &Canopen| Device::new(device, stop, bus_of(device.keys.bus.as_deref()));
         Self {
-            all: devices.iter().map(|device| Device::new(device, stop)).collect(),
+            all: devices.iter().map(device).collect(),
             ordered: Instant::ZERO,
             publish: Instant::ZERO,
             published: Instant::ZERO,
@@ -188,26 +193,26 @@ impl Devices {
         }
     }
 
-    /// Configurations of their nodes.
-    pub(super) fn node_configs(&self) -> impl Iterator<Item = NodeConfig> + '_ {
-        self.all.iter().map(Device::node_config)
+    /// Configurations of the nodes on a bus.
+    pub(super) fn node_configs(&self, bus: usize) -> impl Iterator<Item = NodeConfig> + '_ {
+        self.all.iter().filter(move |device| device.bus == bus).map(Device::node_config)
     }
 
     /// Name and node of each.
-    pub(super) fn nodes(&self) -> impl Iterator<Item = (&str, u8)> {
-        self.all.iter().map(|device| (device.name.as_str(), device.keys.node))
+    pub(super) fn nodes(&self) -> impl Iterator<Item = (&str, NodeAt)> {
+        self.all.iter().map(|device| (device.name.as_str(), device.at()))
     }
 
     /// Name of the device with this node.
-    pub(super) fn name(&self, node: u8) -> Option<&str> {
+    pub(super) fn name(&self, node: NodeAt) -> Option<&str> {
         self.nodes().find(|(_, own)| *own == node).map(|(name, _)| name)
     }
 
-    fn of_mut(&mut self, node: u8) -> Option<&mut Device> {
-        self.all.iter_mut().find(|device| device.keys.node == node)
+    fn of_mut(&mut self, node: NodeAt) -> Option<&mut Device> {
+        self.all.iter_mut().find(|device| device.at() == node)
     }
 
-    pub(super) fn on_booted(&mut self, now: Instant, node: u8, out: &mut Actions) {
+    pub(super) fn on_booted(&mut self, now: Instant, node: NodeAt, out: &mut Actions) {
         if let Some(device) = self.of_mut(node) {
             device.on_booted(now, out);
         }
@@ -215,21 +220,21 @@ impl Devices {
 
     pub(super) fn on_boot_failed(
         &mut self,
-        node: u8,
+        node: NodeAt,
         step: Step,
         reason: BootError,
         line: &mut PauseLine,
         out: &mut Actions,
     ) {
         if let Some(device) = self.of_mut(node) {
-            let message = format!("{} (node {node}) does not start, {step}: {reason}; retrying", device.name);
+            let message = format!("{} (node {}) does not start, {step}: {reason}; retrying", device.name, node.id);
             device.on_lost(message, line, out);
         }
     }
 
-    pub(super) fn on_lost(&mut self, node: u8, reason: LostReason, line: &mut PauseLine, out: &mut Actions) {
+    pub(super) fn on_lost(&mut self, node: NodeAt, reason: LostReason, line: &mut PauseLine, out: &mut Actions) {
         if let Some(device) = self.of_mut(node) {
-            let message = format!("{} (node {node}) is lost: {reason}; its values are unknown", device.name);
+            let message = format!("{} (node {}) is lost: {reason}; its values are unknown", device.name, node.id);
             device.on_lost(message, line, out);
         }
     }
@@ -237,7 +242,7 @@ impl Devices {
     pub(super) fn on_emergency(
         &mut self,
         now: Instant,
-        node: u8,
+        node: NodeAt,
         emergency: &Emergency,
         suppressed: u32,
         out: &mut Actions,
@@ -256,7 +261,7 @@ impl Devices {
     pub(super) fn on_pdo(
         &mut self,
         now: Instant,
-        (node, number): (u8, u8),
+        (node, number): (NodeAt, u8),
         data: &[u8],
         line: &mut PauseLine,
         out: &mut Actions,
@@ -315,12 +320,12 @@ impl Devices {
         self.all.iter().all(settled)
     }
 
-    /// Asks and writes what is due; `alone`: there is no other master.
-    pub(super) fn advance(&mut self, now: Instant, alone: bool, master: &mut Master) {
+    /// Asks and writes what is due on a bus; `alone`: there is no other master.
+    pub(super) fn advance(&mut self, now: Instant, (bus, alone): (usize, bool), master: &mut Master) {
         if self.ends || now.since(self.ordered) >= ORDER_TTL {
             self.release();
         }
-        for device in &mut self.all {
+        for device in self.all.iter_mut().filter(|device| device.bus == bus) {
             if alone {
                 device.ask(now, master);
             } else {
@@ -353,14 +358,15 @@ impl Devices {
         (self.published, self.publish, self.shown) = (now, now + PUBLISH_PERIOD, now_shown);
     }
 
-    pub(super) fn poll_timeout(&self, alone: bool) -> Option<Instant> {
-        let due = self.all.iter().filter(|_| alone).filter_map(Device::poll_timeout);
+    /// `alone`: there is no other master on the bus of this number, which is up.
+    pub(super) fn poll_timeout(&self, alone: impl Fn(usize) -> bool) -> Option<Instant> {
+        let due = self.all.iter().filter(|device| alone(device.bus)).filter_map(Device::poll_timeout);
         due.chain((!self.all.is_empty()).then_some(self.publish)).min()
     }
 }
 
 impl Device {
-    fn new(config: &Canopen, stop: &Stop) -> Self {
+    fn new(config: &Canopen, stop: &Stop, bus: usize) -> Self {
         let keys = config.keys.clone();
         let value = |keys: &ObjectKeys| Value {
             name: keys.name.clone(),
@@ -394,6 +400,7 @@ impl Device {
         }
         Self {
             name: config.name.clone(),
+            bus,
             keys,
             values,
             objects,
@@ -409,6 +416,10 @@ impl Device {
             emergencies: 0,
             report: Instant::ZERO,
         }
+    }
+
+    fn at(&self) -> NodeAt {
+        NodeAt { bus: self.bus, id: self.keys.node }
     }
 
     fn node_config(&self) -> NodeConfig {

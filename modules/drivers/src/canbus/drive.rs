@@ -3,6 +3,7 @@
 
 use super::controller::Availability;
 use super::motor_watch::MotorWatch;
+use super::net::NodeAt;
 use base::can::Frame;
 use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
 use canopen::axis::modes::Mode;
@@ -232,6 +233,8 @@ base::deadlines! {
 pub(super) struct Drive {
     /// `propulsion` or `steering`.
     pub(super) name: &'static str,
+    /// Number of its CAN bus: set by what makes it.
+    pub(super) bus: usize,
     pub(super) node: u8,
     pub(super) axis: Axis,
     /// What it lacks to stop by itself.
@@ -278,6 +281,7 @@ impl Drive {
     pub(super) fn new(name: &'static str, node: u8, table: &Table, reservations: Vec<Refusal>) -> Self {
         Self {
             name,
+            bus: 0,
             node,
             axis: Axis::new(table.axis_config()),
             reservations,
@@ -303,6 +307,11 @@ impl Drive {
             shown: false,
             motor: MotorWatch::new(node, &table.motor),
         }
+    }
+
+    /// Its node.
+    pub(super) fn at(&self) -> NodeAt {
+        NodeAt { bus: self.bus, id: self.node }
     }
 
     pub(super) fn is_booted(&self) -> bool {
@@ -797,9 +806,9 @@ impl Drive {
         }
     }
 
-    /// Node id, and true once if its state is to be read.
-    pub(super) fn take_outdated(&mut self) -> (u8, bool) {
-        (self.node, std::mem::take(&mut self.outdated) && self.booted && self.pending == 0)
+    /// Its node, and true once if its state is to be read.
+    pub(super) fn take_outdated(&mut self) -> (NodeAt, bool) {
+        (self.at(), std::mem::take(&mut self.outdated) && self.booted && self.pending == 0)
     }
 
     /// True if the drive's state changed since the last call.

@@ -8,6 +8,7 @@
 
 use super::config::{Axis, Stop};
 use super::devices;
+use super::net::NodeAt;
 use super::pause::{InputName, PauseLine};
 use crate::io::Canopen;
 use base::{Duration, Instant};
@@ -22,7 +23,7 @@ const INPUTS: u16 = 0x60FD;
 /// Inputs of one drive.
 #[derive(Debug)]
 struct OfDrive {
-    node: u8,
+    node: NodeAt,
     /// Place among the inputs of the configuration, and bit.
     bits: Vec<(usize, u8)>,
     due: Instant,
@@ -44,7 +45,7 @@ pub(super) fn names(stop: &Stop, devices: &[Canopen]) -> Vec<InputName> {
 
 impl DriveInputs {
     /// `drives`: axis and node of each drive of CANopen.
-    pub(super) fn new(stop: &Stop, drives: impl Iterator<Item = (Axis, u8)>) -> Self {
+    pub(super) fn new(stop: &Stop, drives: impl Iterator<Item = (Axis, NodeAt)>) -> Self {
         let of_drive = |(axis, node)| {
             let inputs = stop.inputs.iter().enumerate();
             let inputs = inputs.filter(|(_, input)| input.axis == Some(axis) && input.signal.is_none());
@@ -54,14 +55,20 @@ impl DriveInputs {
         Self(drives.map(of_drive).filter(|drive| !drive.bits.is_empty()).collect())
     }
 
-    /// Reads what is due. `is_booted`: of a node; `alone`: there is no other master.
-    pub(super) fn advance(&mut self, now: Instant, alone: bool, is_booted: impl Fn(u8) -> bool, master: &mut Master) {
-        for drive in &mut self.0 {
+    /// Reads what is due on a bus. `is_booted`: of a node; `alone`: there is no other master.
+    pub(super) fn advance(
+        &mut self,
+        now: Instant,
+        (bus, alone): (usize, bool),
+        is_booted: impl Fn(NodeAt) -> bool,
+        master: &mut Master,
+    ) {
+        for drive in self.0.iter_mut().filter(|drive| drive.node.bus == bus) {
             if !is_booted(drive.node) {
                 (drive.asked, drive.due) = (None, now);
             } else if drive.asked.is_none() && drive.due <= now {
                 drive.due = now + PERIOD;
-                let read = alone.then(|| master.sdo_read(now, drive.node, INPUTS, 0).ok()).flatten();
+                let read = alone.then(|| master.sdo_read(now, drive.node.id, INPUTS, 0).ok()).flatten();
                 drive.asked = read.map(|ticket| (ticket, now));
             }
         }
@@ -83,7 +90,7 @@ impl DriveInputs {
     }
 
     /// When the next request is due, of drives that are booted.
-    pub(super) fn poll_timeout(&self, is_booted: impl Fn(u8) -> bool) -> Option<Instant> {
+    pub(super) fn poll_timeout(&self, is_booted: impl Fn(NodeAt) -> bool) -> Option<Instant> {
         let due = self.0.iter().filter(|drive| drive.asked.is_none() && is_booted(drive.node));
         due.map(|drive| drive.due).min()
     }

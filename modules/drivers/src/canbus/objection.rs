@@ -9,9 +9,10 @@ use module::ActiveHold;
 /// Reason why the robot must not move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Objection {
-    /// [`Hold::BusDown`] or [`Hold::BusUnacknowledged`].
-    Bus(Hold),
-    SecondMaster,
+    /// [`Hold::BusDown`] or [`Hold::BusUnacknowledged`], of the bus of this number.
+    Bus(usize, Hold),
+    /// On the bus of this number.
+    SecondMaster(usize),
     /// [`Hold::SpeedExceeded`], [`Hold::FeedCut`], [`Hold::WheelStood`], [`Hold::WheelsDisagree`], or one of the
     /// output that cuts the feed.
     Speed(Hold),
@@ -41,10 +42,9 @@ impl Objection {
 impl Canbus {
     /// Row in `LL_DATA_HOLD`.
     pub(super) fn active_hold(&self, objection: Objection) -> ActiveHold<'_> {
-        let bus = self.bus_name();
         let (hold, subject) = match objection {
-            Objection::Bus(hold) => (hold, bus),
-            Objection::SecondMaster => (Hold::SecondMaster, bus),
+            Objection::Bus(bus, hold) => (hold, self.bus_name(bus)),
+            Objection::SecondMaster(bus) => (Hold::SecondMaster, self.bus_name(bus)),
             Objection::Speed(hold) => (hold, ""),
             Objection::Parameter(axis) => (Hold::DriveParameter, axis.name()),
             Objection::Drive(axis, objection) => (objection.hold(), axis.name()),

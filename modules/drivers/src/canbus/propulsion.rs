@@ -4,6 +4,7 @@
 use super::controller::Controller;
 use super::drive::{Drive, Objection, Trouble};
 use super::lines::LineEngine;
+use super::net::NodeAt;
 use super::second_way::WheelWatch;
 use super::servo::{Force, Servo};
 use super::speed_monitor::Order;
@@ -27,6 +28,8 @@ enum Motor {
 
 pub(super) struct Propulsion {
     pub(super) axis: Axis,
+    /// Number of its CAN bus; without meaning on a serial line.
+    pub(super) bus: usize,
     motor: Motor,
     goal: Goal,
     /// It has gained speed against its brake: its drive is switched off, whatever the goal, until a person has let the
@@ -43,8 +46,12 @@ pub(super) struct Propulsion {
 impl Propulsion {
     pub(super) fn new(own: &PropulsionConfig, config: &Config, lines: &[LineEngine]) -> Result<Self, ConfigError> {
         let limits = &config.limits;
+        let bus = config.bus_of(own.axis);
         let motor = match Servo::new(own, config)? {
-            Some(servo) => Motor::Canopen(Box::new(servo)),
+            Some(mut servo) => {
+                servo.drive.bus = bus;
+                Motor::Canopen(Box::new(servo))
+            }
             None => Motor::Controller(Box::new(Controller::new(own, config, lines)?)),
         };
         // Several wheels are commanded the steps of a common ramp, and a motor controller may have none.
@@ -52,6 +59,7 @@ impl Propulsion {
         let (acceleration, deceleration) = (limits.acceleration_mps2, limits.deceleration_mps2);
         Ok(Self {
             axis: own.axis,
+            bus,
             motor,
             goal: Goal::QuickStop,
             cut: false,
@@ -86,9 +94,9 @@ impl Propulsion {
         if let Motor::Controller(controller) = &mut self.motor { Some(controller) } else { None }
     }
 
-    /// True if its drive is the CANopen node of this number.
-    pub(super) fn is_node(&self, node: u8) -> bool {
-        self.drive_ref().is_some_and(|drive| drive.node == node)
+    /// True if its drive is this node of CANopen.
+    pub(super) fn is_node(&self, node: NodeAt) -> bool {
+        self.drive_ref().is_some_and(|drive| drive.at() == node)
     }
 
     /// A frame was received: true if it is one of the motor controller.

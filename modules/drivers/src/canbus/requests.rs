@@ -38,23 +38,29 @@ pub(super) enum NodeOwner {
 }
 
 impl Requests {
-    /// Starts a request, or answers at once with the reason of rejection; no master: there is no node of CANopen.
+    /// Starts a request to a node of a master, or answers at once with the reason of rejection; no node: it is none, or
+    /// its bus has no nodes of CANopen.
     pub(super) fn on_command(
         &mut self,
         now: Instant,
         request: &CmdSdo,
         owner: &NodeOwner,
-        master: Option<&mut Master>,
+        node: Option<(u8, &mut Master)>,
         out: &mut Actions,
     ) {
-        let begun = master.ok_or(Abort::NO_RESOURCE).and_then(|master| self.begin(now, request, owner, master));
+        let begun = node.ok_or(Abort::NO_RESOURCE).and_then(|node| self.begin(now, request, owner, node));
         if let Err(abort) = begun {
             answer(now, request, Err(abort), out);
         }
     }
 
-    fn begin(&mut self, now: Instant, request: &CmdSdo, owner: &NodeOwner, master: &mut Master) -> Result<(), Abort> {
-        let node = u8::try_from(request.node).ok().filter(|node| (1..=127).contains(node)).ok_or(Abort::NO_RESOURCE)?;
+    fn begin(
+        &mut self,
+        now: Instant,
+        request: &CmdSdo,
+        owner: &NodeOwner,
+        (node, master): (u8, &mut Master),
+    ) -> Result<(), Abort> {
         let index = u16::try_from(request.index).map_err(|_| Abort::NO_OBJECT)?;
         let sub = u8::try_from(request.subindex).map_err(|_| Abort::NO_SUB_INDEX)?;
         let same = self.0.iter().filter(|pending| pending.request.node == request.node).count();

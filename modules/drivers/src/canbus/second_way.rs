@@ -6,6 +6,7 @@
 
 use super::config::{SecondWay, Stop, UnbrakedStop};
 use super::feed_output::{FeedOutput, News};
+use super::net::NodeAt;
 use super::objection::Objection;
 use super::propulsion::Propulsion;
 use super::speed_monitor::{Alarm, MARGIN_MPS, Order, SpeedMonitor};
@@ -111,20 +112,23 @@ fn is_standing(target: f64, measured: f64) -> bool {
 #[derive(Debug)]
 pub(super) struct StopWatch {
     way: Way,
+    /// Number of the CAN bus of the node whose output it is.
+    bus: usize,
     /// Latched: [`Hold::SpeedExceeded`], [`Hold::FeedCut`] or [`Hold::WheelStood`].
     latched: Option<Hold>,
 }
 
 impl StopWatch {
     /// `has_power`: there is a power controller; `line`: port of the GPIO line, if there is one.
-    pub(super) fn new(stop: &Stop, has_power: bool, line: PortId) -> Self {
+    /// `bus`: number of the CAN bus of the output of a node.
+    pub(super) fn new(stop: &Stop, has_power: bool, line: PortId, bus: usize) -> Self {
         let way = match (stop.second_way, stop.output) {
             (SecondWay::Power, _) if has_power => Way::Power { off: false },
             (SecondWay::Canopen, Some(output)) => Way::Output(FeedOutput::node(output)),
             (SecondWay::Gpio, _) if stop.feed_line().is_some() => Way::Output(FeedOutput::line(line)),
             _ => Way::None,
         };
-        Self { way, latched: None }
+        Self { way, bus, latched: None }
     }
 
     /// Objection to any motion.
@@ -151,8 +155,8 @@ impl StopWatch {
     }
 
     /// Node of the output that feeds the motors.
-    pub(super) fn node(&self) -> Option<u8> {
-        self.output()?.node_id()
+    pub(super) fn node(&self) -> Option<NodeAt> {
+        Some(NodeAt { bus: self.bus, id: self.output()?.node_id()? })
     }
 
     /// A transfer has ended, with its data unless it failed; false if it is not one of these.
@@ -185,7 +189,7 @@ impl Canbus {
     /// The drive of a wheel is lost. One that misses the master's heartbeat brakes on its own, and one that does not
     /// answer was commanded to stop before it is reset. In all other cases it is reset while it may turn, and monitors
     /// no heartbeat until it is booted.
-    pub(super) fn watch_reset(&mut self, now: Instant, node: u8, reason: LostReason) {
+    pub(super) fn watch_reset(&mut self, now: Instant, node: NodeAt, reason: LostReason) {
         if matches!(reason, LostReason::BootUp | LostReason::State(_) | LostReason::DuplicateId)
             && let Some(wheel) = self.wheels.of_mut(node)
         {
@@ -306,9 +310,9 @@ impl Canbus {
     /// Orders the feed to be cut, or to be switched on as a person commanded, if that is due.
     pub(super) fn advance_second_way(&mut self, now: Instant, out: &mut Actions) {
         let cut = self.stop_watch.latched == Some(Hold::FeedCut);
-        let bus_is_up = self.bus_is_up();
-        if let Way::Output(output) = &mut self.stop_watch.way {
-            let news = output.advance(now, bus_is_up, cut, &mut self.master, out);
+        let bus = self.stop_watch.bus;
+        if let (Way::Output(output), Some(net)) = (&mut self.stop_watch.way, self.nets.get_mut(bus)) {
+            let news = output.advance(now, net.is_up(), cut, &mut net.master, out);
             let words = news.map(|news| output.words(news)).unwrap_or_default();
             match news {
                 Some(News::Lost) => out.raise(Severity::Error, Fault::SecondWayLost, "", words),

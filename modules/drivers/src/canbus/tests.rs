@@ -1,6 +1,7 @@
 //! The module with fake drives in virtual time: every rule about permission to move, and every cause of a stop.
 
 mod bus;
+mod buses;
 mod cia402;
 mod controller;
 mod devices;
@@ -43,6 +44,7 @@ const LINE: PortId = PortId(1);
 pub(super) fn config() -> Config {
     Config {
         bus: Some("can.main".into()),
+        further: Vec::new(),
         lines: Vec::new(),
         bitrate: 1_000_000,
         node_id: 127,

@@ -3,6 +3,7 @@
 use super::controller::Controller;
 use super::drive::Drive;
 use super::lines::LineEngine;
+use super::net::NodeAt;
 use super::propulsion::Propulsion;
 use super::servo::Servo;
 use super::{Axis, Config, ConfigError, STANDSTILL_MPS};
@@ -51,18 +52,24 @@ impl Wheels {
         self.0.iter_mut().filter_map(Propulsion::controller_mut)
     }
 
-    /// The motor controllers on a serial line, or with `None` on CAN.
-    pub(super) fn controllers_on(&mut self, line: Option<usize>) -> impl Iterator<Item = &mut Controller> {
-        self.controllers_mut().filter(move |controller| controller.line() == line)
+    /// The motor controllers on a serial line.
+    pub(super) fn controllers_on(&mut self, line: usize) -> impl Iterator<Item = &mut Controller> {
+        self.controllers_mut().filter(move |controller| controller.line() == Some(line))
+    }
+
+    /// The motor controllers on a CAN bus.
+    pub(super) fn controllers_of_bus(&mut self, bus: usize) -> impl Iterator<Item = &mut Controller> {
+        let wheels = self.0.iter_mut().filter(move |wheel| wheel.bus == bus);
+        wheels.filter_map(Propulsion::controller_mut).filter(|controller| controller.line().is_none())
     }
 
     /// The wheel whose drive is this node of CANopen.
-    pub(super) fn of_mut(&mut self, node: u8) -> Option<&mut Propulsion> {
+    pub(super) fn of_mut(&mut self, node: NodeAt) -> Option<&mut Propulsion> {
         self.0.iter_mut().find(|wheel| wheel.is_node(node))
     }
 
     /// Number of the wheel whose drive is this node of CANopen.
-    pub(super) fn place(&self, node: u8) -> Option<usize> {
+    pub(super) fn place(&self, node: NodeAt) -> Option<usize> {
         self.0.iter().position(|wheel| wheel.is_node(node))
     }
 
@@ -74,8 +81,9 @@ impl Wheels {
         self.0.len()
     }
 
-    pub(super) fn node_configs(&self) -> impl Iterator<Item = NodeConfig> {
-        self.0.iter().filter_map(Propulsion::servo).map(Servo::node_config)
+    /// Configurations of the nodes on a bus.
+    pub(super) fn node_configs(&self, bus: usize) -> impl Iterator<Item = NodeConfig> {
+        self.0.iter().filter(move |wheel| wheel.bus == bus).filter_map(Propulsion::servo).map(Servo::node_config)
     }
 
     /// Measured states; NaN where one is unknown.

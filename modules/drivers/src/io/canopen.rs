@@ -69,6 +69,9 @@ settings! {
     pub struct CanopenKeys {
         /// CANopen node: none of the drives, of other devices, nor of the master.
         node: u8 = required, 1..=127;
+        /// Its CAN bus, where the drives are on several: `"can.second"`. Absent: the first one, `can.main` if there is
+        /// one.
+        bus: Option<String> = optional;
         /// Its device profile, the low 16 bits of 0x1000: 401 of inputs and outputs, 418 of a battery; 0: any.
         profile: u16 = PROFILE_401, 0..=0xFFFF;
         /// Required vendor, 0x1018:1. Absent: any.

@@ -135,6 +135,8 @@ enum End {
 /// A drive and its injected faults.
 pub(crate) struct Drive {
     pub config: DriveConfig,
+    /// Number of its CAN bus: set by what makes it.
+    pub bus: usize,
     end: End,
     /// Neither receives nor sends until this instant.
     pub silent_until: Instant,
@@ -152,7 +154,7 @@ impl Drive {
             (Some(node), _) => End::Canopen(Box::new(node)),
             (None, _) => unreachable!("every other kind has a node"),
         };
-        Self { config, end, silent_until: Instant::ZERO, obedience: Obedience::default(), now: Instant::ZERO }
+        Self { config, bus: 0, end, silent_until: Instant::ZERO, obedience: Obedience::default(), now: Instant::ZERO }
     }
 
     /// What it moves.

@@ -51,6 +51,8 @@ pub struct IoNodeConfig {
 /// The device.
 pub(crate) struct IoNode {
     pub config: IoNodeConfig,
+    /// Number of its CAN bus: set by what makes it.
+    pub bus: usize,
     node: Node,
     /// It neither receives nor sends until this instant.
     silent_until: Instant,
@@ -66,7 +68,7 @@ impl IoNode {
     pub fn new(config: IoNodeConfig, now: Instant) -> Self {
         let node = powered(&config, false, now);
         let (silent_until, misfit_until) = (Instant::ZERO, Instant::ZERO);
-        Self { config, node, silent_until, misfit_until, opened: None, other: false }
+        Self { config, bus: 0, node, silent_until, misfit_until, opened: None, other: false }
     }
 
     /// Injects a fault until an instant; false if it does not have this fault.

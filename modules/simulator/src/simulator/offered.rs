@@ -48,7 +48,7 @@ impl Simulator {
         targets.extend(config.i2c.iter().flat_map(|i2c| &i2c.fans).map(|(name, _)| name.clone()));
         targets.extend(config.w1.iter().flat_map(|w1| &w1.thermometers).map(|(_, name)| name.clone()));
         targets.extend(config.host.iter().flat_map(|host| &host.sensors).map(|(_, name)| name.clone()));
-        targets.extend(config.can.iter().map(|can| can.bus.clone()));
+        targets.extend(config.can.iter().chain(&config.further).map(|can| can.bus.clone()));
         targets.extend(config.drive_lines.iter().map(|line| line.bus.clone()));
         targets.extend(config.serial.iter().map(|serial| serial.bus.clone()));
         targets.extend(config.modbus.iter().map(|modbus| modbus.bus.clone()));

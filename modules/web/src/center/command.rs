@@ -94,11 +94,11 @@ pub enum Command {
     Level { id: i64, module: String, print: String, send: String },
     /// `action`: `on`, `off` or `reboot`. Engineers.
     Power { id: i64, channel: String, action: String },
-    /// Object of a CANopen node. `data`: hexadecimal, least significant byte first; absent: the object is read.
-    /// Engineers.
+    /// Object of a CANopen node, as `LL_CMD_SDO` names it: 1000 more for each CAN bus before its own. `data`:
+    /// hexadecimal, least significant byte first; absent: the object is read. Engineers.
     Sdo {
         id: i64,
-        node: u8,
+        node: i32,
         index: u16,
         subindex: u8,
         #[serde(default, deserialize_with = "there")]
@@ -409,16 +409,16 @@ pub fn message(command: &Command, robot: &Robot, timestamp: i64, source: &str) -
 ///
 /// # Errors
 /// The data to be written is invalid; one line.
-pub fn sdo(node: u8, index: u16, subindex: u8, data: Option<&str>) -> Result<CmdSdo, String> {
-    if !(1..=127).contains(&node) {
-        return Err("CANopen nodes are 1 to 127".into());
+pub fn sdo(node: i32, index: u16, subindex: u8, data: Option<&str>) -> Result<CmdSdo, String> {
+    if node < 0 || !(1..=127).contains(&(node % 1000)) {
+        return Err("CANopen nodes are 1 to 127, 1000 more for each CAN bus before theirs".into());
     }
     let wrong = || format!("expected an even number of hexadecimal digits, 1 to {DATA_MAX} bytes");
     let bytes = data.map(|data| bytes(data).ok_or_else(wrong)).transpose()?;
     Ok(CmdSdo {
         timestamp: 0,
         request: 0,
-        node: node.into(),
+        node,
         index: index.into(),
         subindex: subindex.into(),
         write: bytes.is_some(),

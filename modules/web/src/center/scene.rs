@@ -110,8 +110,8 @@ pub struct TemperatureLimit {
 pub struct Drive {
     /// Name for display and commands.
     pub name: &'static str,
-    /// CANopen node.
-    pub node: u8,
+    /// CANopen node, as `LL_CMD_SDO` names it: 1000 more for each CAN bus before its own.
+    pub node: i32,
 }
 
 /// A target of the simulation with its faults.

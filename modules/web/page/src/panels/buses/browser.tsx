@@ -117,11 +117,16 @@ export function SdoBrowser() {
   );
 }
 
+/** A node of the first bus, or one of the drives, whose numbers are 1000 more for each bus before theirs. */
+function asNode(text: string, drives: { node: number }[]): number | null {
+  return wholeNumber(text, 1, 127) ?? drives.find(({ node }) => String(node) === text.trim())?.node ?? null;
+}
+
 function Form({ drives }: { drives: { name: string; node: number }[] }) {
   const [writing, setWriting] = useState(false);
   const asks = form.value;
   const set = (change: Partial<Asked>) => (form.value = { ...form.value, ...change });
-  const node = asks.node === "" ? (drives[0]?.node ?? null) : wholeNumber(asks.node, 1, 127);
+  const node = asks.node === "" ? (drives[0]?.node ?? null) : asNode(asks.node, drives);
   const index = asIndex(asks.index);
   const subindex = wholeNumber(asks.subindex, 0, 255);
   const encoded = encode(asks.value, asks.type);
