@@ -2,8 +2,8 @@
 //!
 //! A file of inputs contains the configuration of the module as texts, so that it can be replayed on another machine
 //! and after the configuration has changed: `robot.toml`, `modules.toml`, each `--set`, and for the simulated robot
-//! `sim.toml` and its world, whose beacons are the robot's map, and the walls of the world's map; of those that know
-//! the drives, the data sheets by which these are driven. Other data sheets are left out: they are checked
+//! `sim.toml` and its world, whose beacons are the robot's map, and the walls of the world's map; the tables of the
+//! folder `drives`; of those that know the drives, the data sheets by which these are driven. Other data sheets are left out: they are checked
 //! when a module is created and do not affect its behavior.
 
 use crate::config::{self, Config, ConfigError, SIMULATOR};
@@ -65,12 +65,14 @@ pub fn header(place: &RobotLocation, name: &str, wanted: State, options: HostOpt
     };
     add(ROBOT, place.config.join(ROBOT))?;
     add(MODULES, place.config.join(MODULES))?;
+    let tables = config::drives::texts(&place.config)?;
     if place.sim {
         add(SIM, place.config.join(SIM))?;
         let source = config::WorldSource::read(&place.config, place.world.as_deref(), &place.sets)?;
         texts.push((WORLD.into(), source.text));
         texts.extend(source.walls.map(|walls| (WALLS.into(), walls)));
     }
+    texts.extend(tables);
     if [canbus::NAME, SIMULATOR, web::NAME].contains(&name) {
         let buses = Config::load(&place.config, place.sim, &place.sets)?.robot.can;
         for (path, text) in buses.iter().map(|bus| sheets::texts(place, bus)).collect::<Result<Vec<_>, _>>()?.concat() {
@@ -135,7 +137,8 @@ pub fn rebuild(header: &Header, sets: &[String]) -> Result<Shell, ConfigError> {
 /// Configuration of a header with these overrides.
 pub fn config(header: &Header, sets: &[String]) -> Result<Config, ConfigError> {
     let over = if header.text(SIM).is_some() { Some(node(header, SIM)?) } else { None };
-    Config::merge(node(header, ROBOT)?, over, node(header, MODULES)?, sets)
+    let tables = config::drives::recorded(&header.texts)?;
+    Config::merge_with(node(header, ROBOT)?, over, node(header, MODULES)?, &tables, sets)
 }
 
 fn node(header: &Header, name: &str) -> Result<Node, ConfigError> {
