@@ -39,7 +39,7 @@ const COMMANDED: [u16; 9] = [0x6040, 0x6042, 0x6060, 0x6071, 0x607A, 0x60C1, 0x6
 settings! {
     /// A drive as a file.
     #[derive(Clone, Debug, PartialEq)]
-    #[expect(clippy::large_enum_variant, reason = "a robot has a few")]
+    #[allow(clippy::large_enum_variant, reason = "a robot has a few")]
     pub enum DriveFile by form {
         /// Any drive of CiA 402, by its data sheet; the other keys are those of a node with `driver = "cia402"`.
         Sheet(SheetFile) = "sheet",

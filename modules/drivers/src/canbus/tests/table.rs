@@ -140,6 +140,18 @@ fn a_ramp_that_the_drive_does_not_need_may_be_left_out() {
     assert!(read(&without.replace("keeps_quick", "stops_without = [0x6085]\nkeeps_quick")).is_ok());
 }
 
+/// Each file that the guide shows.
+#[test]
+fn the_files_of_the_guide_are_accepted() {
+    let guide = include_str!("../../../../../docs/adding-a-drive.md");
+    let blocks = guide.split("```toml\n").skip(1).filter_map(|rest| rest.split("```").next());
+    let files: Vec<&str> = blocks.filter(|block| block.starts_with("# drives/")).collect();
+    assert_eq!(files.len(), 2);
+    for file in files {
+        assert!(read(file).is_ok(), "{:?}", read(file));
+    }
+}
+
 /// Nodes of a bus with the tables of `files`, and what is refused.
 fn nodes(files: &[(&str, &str)], nodes: &str) -> Result<BusConfig, Vec<String>> {
     let mut tables = DriveTables::default();
