@@ -243,4 +243,42 @@ mod tests {
             assert_eq!(rebuild(&header, &[]).unwrap().name(), *name);
         }
     }
+
+    #[test]
+    fn drives_by_tables_of_the_folder_are_rebuilt_without_their_files() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+        let folder = std::env::temp_dir().join(format!("advee-recording-tables-{}", std::process::id()));
+        fs::create_dir_all(folder.join("drives")).unwrap();
+        for file in [MODULES, SIM] {
+            fs::copy(root.join("conf/advee").join(file), folder.join(file)).unwrap();
+        }
+        let robot = fs::read_to_string(root.join("conf/advee").join(ROBOT)).unwrap();
+        let own = robot.replace("driver = \"epos\"", "driver = \"wheel\"");
+        let own = own.replace("driver = \"icla\"", "driver = \"turn\"");
+        fs::write(folder.join(ROBOT), own).unwrap();
+        let sheets = [("others/maxon_epos4_50_15_node1.dcf", "wheel.dcf"), ("icla_sim.eds", "turn.eds")];
+        for (sheet, name) in sheets {
+            fs::copy(root.join("buses/canopen/eds").join(sheet), folder.join("drives").join(name)).unwrap();
+        }
+        let icla = fs::read_to_string(root.join("modules/drivers/src/canbus/drives/icla.toml")).unwrap();
+        let turn = icla.replace("simulated = \"icla\"", "eds = \"turn.eds\"");
+        fs::write(folder.join("drives/wheel.toml"), "form = \"sheet\"\neds = \"wheel.dcf\"\n").unwrap();
+        fs::write(folder.join("drives/turn.toml"), turn).unwrap();
+        let place = RobotLocation {
+            config: folder.clone(),
+            run_dir: "/run/advee".into(),
+            lcm_url: String::new(),
+            sets: Vec::new(),
+            sim: true,
+            world: Some(root.join("conf/worlds/empty.toml")),
+        };
+        let names = [canbus::NAME, SIMULATOR, watchdog::NAME];
+        let headers = names.map(|name| header(&place, name, State::Run, HostOptions::LIVE).unwrap());
+        let logged = attachments(&place, HostOptions::LIVE);
+        fs::remove_dir_all(&folder).unwrap();
+        for (name, header) in names.iter().zip(headers) {
+            assert_eq!(rebuild(&header, &[]).unwrap().name(), *name);
+        }
+        assert!(logged.iter().any(|file| file.name == "drives/turn.toml"));
+    }
 }

@@ -1,6 +1,8 @@
 //! The folder `drives` beside `robot.toml`: a table of a drive in each file.
 
-use drivers::canbus::tables::{BYTES_MAX, DriveTables, FOLDER};
+pub use drivers::canbus::tables::DriveTables;
+
+use drivers::canbus::tables::{BYTES_MAX, FOLDER};
 use settings::{ConfigError, Node};
 use std::fs::{self, File};
 use std::io::Read;
@@ -83,6 +85,9 @@ fn files(dir: &Path) -> Result<Vec<PathBuf>, ConfigError> {
 fn text(path: &Path) -> Result<String, Vec<String>> {
     let error = |error: std::io::Error| vec![format!("{}: {error}", path.display())];
     let mut text = String::new();
+    if !path.is_file() {
+        return Err(vec![format!("{}: expected a file", path.display())]);
+    }
     File::open(path).map_err(error)?.take(BYTES_MAX as u64 + 1).read_to_string(&mut text).map_err(error)?;
     Ok(text)
 }
