@@ -144,10 +144,23 @@ fn files() -> [(&'static str, &'static str, Vec<Row>); 5] {
     [
         ("robot.toml", ROBOT, Rows::of::<Robot>()),
         ("modules.toml", MODULES, Rows::of::<Modules>()),
-        ("drives", DRIVE, Rows::of::<DriveFile>()),
+        ("drives", DRIVE, common(Rows::of::<DriveFile>())),
         ("worlds", WORLD, Rows::of::<World>()),
         ("scenarios", SCENARIO, Rows::of::<Scenario>()),
     ]
+}
+
+/// Rows of a choice, where a key that all its tables have alike is one row.
+fn common(rows: Vec<Row>) -> Vec<Row> {
+    let mut common: Vec<Row> = Vec::new();
+    for row in rows {
+        let alike = |other: &&mut Row| Row { only: row.only, ..(**other).clone() } == row;
+        match common.iter_mut().find(alike) {
+            Some(other) => other.only = "",
+            None => common.push(row),
+        }
+    }
+    common
 }
 
 /// `docs/configuration.md`.
@@ -232,6 +245,15 @@ mod tests {
         let row = "robot.toml rs485.<name>.nodes[].rate_hz: a number from 0.1 to 100 Hz; required; was rate";
         assert!(list.lines().any(|line| line == row), "{list}");
         assert!(list.contains("modules.toml modules[].nice: an integer from -20 to 19; default 0\n"), "{list}");
+    }
+
+    #[test]
+    fn a_key_of_both_forms_of_a_drive_is_one_row() {
+        let rows = common(Rows::of::<DriveFile>());
+        let only = |name: &str| rows.iter().filter(|row| row.name() == name).map(|row| row.only).collect::<Vec<_>>();
+        assert_eq!(only("identity[].mask"), [""]);
+        assert_eq!((only("rpdo.map"), only("current_object")), (vec!["objects"], vec!["sheet"]));
+        assert_eq!(only("form"), [""]);
     }
 
     #[test]
