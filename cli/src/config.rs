@@ -2,6 +2,7 @@
 
 use crate::{Common, Failed, Outcome, print};
 use clap::{Args, Subcommand};
+use drivers::canbus::table::DriveFile;
 use robot::config::{self, Config, Modules, Robot};
 use robot::place::RobotLocation;
 use robot::preflight;
@@ -128,21 +129,38 @@ fn diff(path: &Path, old: &str, new: &str) -> String {
 }
 
 /// The files with their keys.
-fn files() -> [(&'static str, &'static str, Vec<Row>); 4] {
+fn files() -> [(&'static str, &'static str, Vec<Row>); 5] {
     const ROBOT: &str = "What the robot is made of. SI units; angles in radians, counter-clockwise. The robot's frame \
         has its origin on the floor under the middle of the rear axle, x forward, y to the left. In simulation \
         `sim.toml` is laid over it, key by key, then every `--set table.key=value`.";
     const MODULES: &str = "The modules that the watchdog starts, in this order; the simulator with `--sim` only. \
         `--set modules.NAME.key=value` overrides a key.";
+    const DRIVE: &str = "A drive as a file of the folder `drives` beside `robot.toml`, `drives/NAME.toml`, for nodes \
+        with `driver = \"NAME\"` ([adding-a-drive.md](adding-a-drive.md)). A file with the name of a built-in table, \
+        `epos` or `icla`, is used in its place.";
     const WORLD: &str = "A [world](../conf/worlds/README.md) for the simulated robot. Metres and radians; x to the \
         right, y up, angles counter-clockwise. `--set world.key=value` overrides a key.";
     const SCENARIO: &str = "A scenario of the [soak](soak.md).";
     [
         ("robot.toml", ROBOT, Rows::of::<Robot>()),
         ("modules.toml", MODULES, Rows::of::<Modules>()),
+        ("drives", DRIVE, common(Rows::of::<DriveFile>())),
         ("worlds", WORLD, Rows::of::<World>()),
         ("scenarios", SCENARIO, Rows::of::<Scenario>()),
     ]
+}
+
+/// Rows of a choice, where a key that all its tables have alike is one row.
+fn common(rows: Vec<Row>) -> Vec<Row> {
+    let mut common: Vec<Row> = Vec::new();
+    for row in rows {
+        let alike = |other: &&mut Row| Row { only: row.only, ..(**other).clone() } == row;
+        match common.iter_mut().find(alike) {
+            Some(other) => other.only = "",
+            None => common.push(row),
+        }
+    }
+    common
 }
 
 /// `docs/configuration.md`.
@@ -227,6 +245,15 @@ mod tests {
         let row = "robot.toml rs485.<name>.nodes[].rate_hz: a number from 0.1 to 100 Hz; required; was rate";
         assert!(list.lines().any(|line| line == row), "{list}");
         assert!(list.contains("modules.toml modules[].nice: an integer from -20 to 19; default 0\n"), "{list}");
+    }
+
+    #[test]
+    fn a_key_of_both_forms_of_a_drive_is_one_row() {
+        let rows = common(Rows::of::<DriveFile>());
+        let only = |name: &str| rows.iter().filter(|row| row.name() == name).map(|row| row.only).collect::<Vec<_>>();
+        assert_eq!(only("identity[].mask"), [""]);
+        assert_eq!((only("rpdo.map"), only("current_object")), (vec!["objects"], vec!["sheet"]));
+        assert_eq!(only("form"), [""]);
     }
 
     #[test]

@@ -1,10 +1,12 @@
-//! Configuration files of a robot.
+//! Configuration files of a robot, and tables of drives.
 
+use robot::config::drives::DriveTables;
 use robot::config::{Config, ConfigError, migrated, parsed_world};
 use settings::Node;
 use std::path::Path;
 
-/// A robot's file, an override, and an assignment of `--set`, separated by zero bytes.
+/// A robot's file, which is read as a table of a drive, too, an override, and an assignment of `--set`, separated by zero
+/// bytes.
 ///
 /// A refusal has at least one line, and none of its lines is empty or broken.
 pub fn config(data: &[u8]) {
@@ -15,6 +17,10 @@ pub fn config(data: &[u8]) {
     for refused in [&tree, &over].into_iter().filter_map(|tree| tree.as_ref().err()) {
         lines(refused);
     }
+    let mut tables = DriveTables::default();
+    if let Err(refused) = tables.add("own", Path::new("drives/own.toml"), text) {
+        lines(&refused);
+    }
     match migrated(Path::new("robot.toml"), text) {
         Ok(text) => assert_eq!(migrated(Path::new("robot.toml"), &text).as_ref(), Ok(&text), "renamed once"),
         Err(ConfigError(refused)) => lines(&refused),
@@ -24,7 +30,7 @@ pub fn config(data: &[u8]) {
         lines(&refused);
     }
     let modules = over.clone();
-    if let Err(ConfigError(refused)) = Config::merge(tree, Some(over), modules, &[set]) {
+    if let Err(ConfigError(refused)) = Config::merge_with(tree, Some(over), modules, &tables, &[set]) {
         lines(&refused);
     }
 }

@@ -5,6 +5,7 @@
 //! world.key=value`). What is found wrong is a list of lines `file:line: key = value: expected …`. Keys that have a new
 //! name are read under the old one, too.
 
+pub mod drives;
 mod modules;
 mod robot;
 mod scenario;
@@ -26,6 +27,7 @@ pub use world::{
 pub use settings::ConfigError;
 
 use base::Level;
+use drivers::canbus::tables::DriveTables;
 use settings::{Moved, Moves, Node, Problems, Rows, Section, Table, read};
 use std::path::Path;
 
@@ -68,12 +70,13 @@ impl Config {
         let robot = take("robot.toml");
         let over = if sim { take("sim.toml").map(Some) } else { Some(None) };
         let modules = take("modules.toml");
-        let (Some(robot), Some(over), Some(modules)) = (robot, over, modules) else {
+        let tables = drives::read(dir).map_err(|ConfigError(lines)| problems.extend(lines)).ok();
+        let (Some(robot), Some(over), Some(modules), Some(tables)) = (robot, over, modules, tables) else {
             return Err(ConfigError(problems));
         };
         let mut found = Vec::new();
-        let config = Self::merged(robot, over, modules, sets, &mut found)?;
-        Ok((config, settings::notices(&found)))
+        let config = Self::merged(robot, over, modules, &tables, sets, &mut found)?;
+        Ok((config, [settings::notices(&found), tables.remarks()].concat()))
     }
 
     /// The same of files that were read: `robot.toml`, `sim.toml` for the simulated robot, `modules.toml`.
@@ -86,13 +89,28 @@ impl Config {
         modules: Node,
         sets: &[S],
     ) -> Result<Self, ConfigError> {
-        Self::merged(robot, over, modules, sets, &mut Vec::new())
+        Self::merge_with(robot, over, modules, &DriveTables::default(), sets)
+    }
+
+    /// The same with these tables of drives.
+    ///
+    /// # Errors
+    /// A line for each thing that is wrong.
+    pub fn merge_with<S: AsRef<str>>(
+        robot: Node,
+        over: Option<Node>,
+        modules: Node,
+        tables: &DriveTables,
+        sets: &[S],
+    ) -> Result<Self, ConfigError> {
+        Self::merged(robot, over, modules, tables, sets, &mut Vec::new())
     }
 
     fn merged<S: AsRef<str>>(
         mut robot: Node,
         over: Option<Node>,
         mut modules: Node,
+        tables: &DriveTables,
         sets: &[S],
         found: &mut Vec<Moved>,
     ) -> Result<Self, ConfigError> {
@@ -111,7 +129,7 @@ impl Config {
                 false => of_robot.set(&mut robot, set, found)?,
             }
         }
-        Self::check(&robot, &modules, sim)
+        Self::check(robot, &modules, tables, sim)
     }
 
     /// Configured lowest levels of a module's texts and reports that are printed, and that are published.
@@ -133,9 +151,14 @@ impl Config {
     }
 
     /// Checks both files, parsed; with `sim` for the simulated robot.
-    fn check(robot: &Node, modules: &Node, sim: bool) -> Result<Self, ConfigError> {
+    fn check(mut root: Node, modules: &Node, tables: &DriveTables, sim: bool) -> Result<Self, ConfigError> {
         let problems = Problems::default();
-        let robot = Table::root(robot, &problems).map(Table::whole::<Robot>);
+        tables.expand(&mut root, &problems);
+        let mut robot = Table::root(&root, &problems).map(Table::whole::<Robot>);
+        for bus in robot.iter_mut().flat_map(|robot| &mut robot.can) {
+            let name = &bus.name;
+            bus.driver.nodes.iter_mut().enumerate().for_each(|(n, node)| tables.bind(&root, name, n, &mut node.drive));
+        }
         let modules = Table::root(modules, &problems).map(Table::whole::<Modules>);
         match (robot, modules, problems.lines()) {
             (Some(robot), Some(mut modules), lines) if lines.is_empty() => {

@@ -2,8 +2,8 @@
 //!
 //! A file of inputs contains the configuration of the module as texts, so that it can be replayed on another machine
 //! and after the configuration has changed: `robot.toml`, `modules.toml`, each `--set`, and for the simulated robot
-//! `sim.toml` and its world, whose beacons are the robot's map, and the walls of the world's map; of those that know
-//! the drives, the data sheets by which these are driven. Other data sheets are left out: they are checked
+//! `sim.toml` and its world, whose beacons are the robot's map, and the walls of the world's map; the tables of the
+//! folder `drives`; of those that know the drives, the data sheets by which these are driven. Other data sheets are left out: they are checked
 //! when a module is created and do not affect its behavior.
 
 use crate::config::{self, Config, ConfigError, SIMULATOR};
@@ -65,12 +65,14 @@ pub fn header(place: &RobotLocation, name: &str, wanted: State, options: HostOpt
     };
     add(ROBOT, place.config.join(ROBOT))?;
     add(MODULES, place.config.join(MODULES))?;
+    let tables = config::drives::texts(&place.config)?;
     if place.sim {
         add(SIM, place.config.join(SIM))?;
         let source = config::WorldSource::read(&place.config, place.world.as_deref(), &place.sets)?;
         texts.push((WORLD.into(), source.text));
         texts.extend(source.walls.map(|walls| (WALLS.into(), walls)));
     }
+    texts.extend(tables);
     if [canbus::NAME, SIMULATOR, web::NAME].contains(&name) {
         let buses = Config::load(&place.config, place.sim, &place.sets)?.robot.can;
         for (path, text) in buses.iter().map(|bus| sheets::texts(place, bus)).collect::<Result<Vec<_>, _>>()?.concat() {
@@ -135,7 +137,8 @@ pub fn rebuild(header: &Header, sets: &[String]) -> Result<Shell, ConfigError> {
 /// Configuration of a header with these overrides.
 pub fn config(header: &Header, sets: &[String]) -> Result<Config, ConfigError> {
     let over = if header.text(SIM).is_some() { Some(node(header, SIM)?) } else { None };
-    Config::merge(node(header, ROBOT)?, over, node(header, MODULES)?, sets)
+    let tables = config::drives::recorded(&header.texts)?;
+    Config::merge_with(node(header, ROBOT)?, over, node(header, MODULES)?, &tables, sets)
 }
 
 fn node(header: &Header, name: &str) -> Result<Node, ConfigError> {
@@ -239,5 +242,43 @@ mod tests {
         for ((name, _), header) in names.iter().zip(headers) {
             assert_eq!(rebuild(&header, &[]).unwrap().name(), *name);
         }
+    }
+
+    #[test]
+    fn drives_by_tables_of_the_folder_are_rebuilt_without_their_files() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+        let folder = std::env::temp_dir().join(format!("advee-recording-tables-{}", std::process::id()));
+        fs::create_dir_all(folder.join("drives")).unwrap();
+        for file in [MODULES, SIM] {
+            fs::copy(root.join("conf/advee").join(file), folder.join(file)).unwrap();
+        }
+        let robot = fs::read_to_string(root.join("conf/advee").join(ROBOT)).unwrap();
+        let own = robot.replace("driver = \"epos\"", "driver = \"wheel\"");
+        let own = own.replace("driver = \"icla\"", "driver = \"turn\"");
+        fs::write(folder.join(ROBOT), own).unwrap();
+        let sheets = [("others/maxon_epos4_50_15_node1.dcf", "wheel.dcf"), ("icla_sim.eds", "turn.eds")];
+        for (sheet, name) in sheets {
+            fs::copy(root.join("buses/canopen/eds").join(sheet), folder.join("drives").join(name)).unwrap();
+        }
+        let icla = fs::read_to_string(root.join("modules/drivers/src/canbus/drives/icla.toml")).unwrap();
+        let turn = icla.replace("simulated = \"icla\"", "eds = \"turn.eds\"");
+        fs::write(folder.join("drives/wheel.toml"), "form = \"sheet\"\neds = \"wheel.dcf\"\n").unwrap();
+        fs::write(folder.join("drives/turn.toml"), turn).unwrap();
+        let place = RobotLocation {
+            config: folder.clone(),
+            run_dir: "/run/advee".into(),
+            lcm_url: String::new(),
+            sets: Vec::new(),
+            sim: true,
+            world: Some(root.join("conf/worlds/empty.toml")),
+        };
+        let names = [canbus::NAME, SIMULATOR, watchdog::NAME];
+        let headers = names.map(|name| header(&place, name, State::Run, HostOptions::LIVE).unwrap());
+        let logged = attachments(&place, HostOptions::LIVE);
+        fs::remove_dir_all(&folder).unwrap();
+        for (name, header) in names.iter().zip(headers) {
+            assert_eq!(rebuild(&header, &[]).unwrap().name(), *name);
+        }
+        assert!(logged.iter().any(|file| file.name == "drives/turn.toml"));
     }
 }

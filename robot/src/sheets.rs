@@ -1,6 +1,6 @@
 //! Data sheets of drives, which lie beside `robot.toml`.
 
-use crate::config::{CanBus, ConfigError};
+use crate::config::{self, CanBus, ConfigError};
 use crate::place::RobotLocation;
 use canopen::eds::Eds;
 use drivers::canbus::{self, Canbus};
@@ -20,9 +20,15 @@ fn load(path: &Path) -> Result<Eds, ConfigError> {
     Eds::parse(&file).map_err(|why| error(path, why))
 }
 
-/// Reads the sheets of the drives that are driven by them, unless a recording has brought them.
+/// True if a drive is driven by its sheet, or simulated by it.
+fn needs_sheet(node: &canbus::Node) -> bool {
+    let by_objects = node.drive.table().is_some_and(|table| table.simulated.is_none());
+    node.drive.by_sheet().is_some() || by_objects && node.eds.is_some()
+}
+
+/// Reads the sheets of the drives that are driven or simulated by them, unless a recording has brought them.
 pub(crate) fn read(place: &RobotLocation, bus: &mut CanBus) -> Result<(), ConfigError> {
-    let by_sheet = |node: &canbus::Node| node.drive.by_sheet().is_some() && node.sheet.is_none();
+    let by_sheet = |node: &canbus::Node| needs_sheet(node) && node.sheet.is_none();
     for (n, node) in bus.driver.nodes.iter_mut().enumerate().filter(|(_, node)| by_sheet(node)) {
         let Some(path) = &node.eds else { continue };
         let full = place.config.join(path);
@@ -45,6 +51,7 @@ fn missing(place: &RobotLocation, (bus, n): (&str, usize), path: &Path) -> Confi
         matches!(&named.value, Value::String(name) if Path::new(name) == path).then(|| named.origin.to_string())
     });
     let what = format!("can.{bus}.nodes[{n}].eds = {:?}", path.display().to_string());
+    let line = line.or_else(|| config::drives::line_of_sheet(&place.config, path));
     let at = line.map_or_else(|| what.clone(), |line| format!("{line}: {what}"));
     ConfigError(vec![format!(
         "{at}: expected a data sheet: {}: there is no such file",
@@ -54,7 +61,7 @@ fn missing(place: &RobotLocation, (bus, n): (&str, usize), path: &Path) -> Confi
 
 /// The text of each sheet by which a drive of the bus is driven, and its file.
 pub(crate) fn texts(place: &RobotLocation, bus: &CanBus) -> Result<Vec<(PathBuf, String)>, ConfigError> {
-    let driven = bus.driver.nodes.iter().filter(|node| node.drive.by_sheet().is_some());
+    let driven = bus.driver.nodes.iter().filter(|node| needs_sheet(node));
     let text = |path: &PathBuf| {
         let full = place.config.join(path);
         let file = std::fs::read(&full).map_err(|why| error(&full, why))?;

@@ -6,6 +6,7 @@ use crate::sheets;
 use base::Duration;
 use base::w1::Rom;
 use drivers::auxiliary::ChipKeys;
+use drivers::canbus::table::{DriveTable, Twin};
 use drivers::canbus::{self, PauseStop};
 use drivers::io::{self, SwitchKeys};
 use drivers::lidar::{LidarKeys, Model};
@@ -316,9 +317,9 @@ fn drive(robot: &Robot, node: &canbus::Node) -> Result<DriveConfig, ConfigError>
     let missing = || ConfigError(vec![format!("simulator: the data sheet of the {name} drive was not read")]);
     let controller = |gear, device| DriveKind::Controller { wheel: wheel(robot, node.axis), gear, device };
     let kind = match &node.drive {
-        canbus::Drive::Epos(epos) => DriveKind::Epos { wheel: wheel(robot, node.axis), gear: epos.gear },
-        canbus::Drive::Icla(icla) => {
-            DriveKind::Icla(Gearing { counts_per_turn: icla.counts_per_turn, gear: icla.gear })
+        canbus::Drive::Wheel(keys) => by_table(robot, node, (keys.gear, None), keys.table.as_deref())?,
+        canbus::Drive::Steering(keys) => {
+            by_table(robot, node, (keys.gear, Some(keys.counts_per_turn)), keys.table.as_deref())?
         }
         canbus::Drive::Odrive(keys) => controller(keys.gear, keys.device(node.id)),
         canbus::Drive::Vesc(keys) => controller(keys.motor.gear, keys.device(node.id)),
@@ -340,6 +341,47 @@ fn drive(robot: &Robot, node: &canbus::Node) -> Result<DriveConfig, ConfigError>
         })),
     };
     Ok(DriveConfig { name: name.into(), node: node.id, kind })
+}
+
+/// A drive by a table of objects: the built-in one that it names, else that of its data sheet.
+fn by_table(
+    robot: &Robot,
+    node: &canbus::Node,
+    (gear, counts_per_turn): (f64, Option<f64>),
+    table: Option<&DriveTable>,
+) -> Result<DriveKind, ConfigError> {
+    let refused = |why: String| ConfigError(vec![format!("simulator: {why}")]);
+    let name = node.axis.name();
+    let table = table.ok_or_else(|| refused(format!("the table of the {name} drive is not known")))?;
+    let counts = counts_per_turn.or(table.counts_per_turn);
+    Ok(match table.simulated {
+        Some(Twin::Epos) => DriveKind::Epos { wheel: wheel(robot, node.axis), gear },
+        Some(Twin::Icla) => {
+            DriveKind::Icla(Gearing { counts_per_turn: counts.unwrap_or(Gearing::default().counts_per_turn), gear })
+        }
+        None => {
+            let sheet = node.sheet.clone().ok_or_else(|| {
+                let table = &table.name;
+                refused(format!(
+                    "the {name} drive cannot be simulated: drives/{table}.toml has neither eds nor simulated"
+                ))
+            })?;
+            let steers = node.axis == canbus::Axis::Steering;
+            DriveKind::Cia402(Box::new(Cia402Config {
+                axis: if steers { Axis::Steering } else { Axis::Wheel(wheel(robot, node.axis)) },
+                sheet,
+                gear: Some(gear),
+                // Exact below 2^53.
+                counts_per_turn: counts.map(|counts| counts as u32),
+                velocity_unit: table.velocity_unit.unit(),
+                keeps_quick_stop: table.table.keeps_quick_stop,
+                stops_without: table.stops_without.clone(),
+                current: None,
+                temperature: None,
+                homed: table.table.homed,
+            }))
+        }
+    })
 }
 
 fn board(robot: &Robot, node: &Node) -> BoardConfig {

@@ -749,7 +749,7 @@ mod tests {
     use super::*;
     use ::host::ports::{ByteParity, GamepadPlace, TerminalConfig};
     use base::gpio::LineId;
-    use drivers::canbus::{Cia402Config, Drive, EposConfig, SecondWay, VelocityUnit};
+    use drivers::canbus::{Cia402Config, Drive, SecondWay, VelocityUnit, WheelKeys, table};
     use settings::Section as _;
 
     fn shipped(sim: bool) -> RobotLocation {
@@ -831,11 +831,15 @@ mod tests {
         (place, config)
     }
 
+    fn epos(gear: f64) -> Drive {
+        Drive::Wheel(WheelKeys { gear, table: table::built_in("epos") })
+    }
+
     #[test]
     fn a_speed_that_the_built_in_drive_cannot_reach_with_its_gear_is_refused() {
         let place = shipped(true);
         let mut config = Config::load(&place.config, true, &[]).unwrap();
-        config.robot.can[0].driver.nodes[0].drive = Drive::Epos(EposConfig { gear: 1000.0 });
+        config.robot.can[0].driver.nodes[0].drive = epos(1000.0);
         let made = shell(&place, &config, canbus::NAME, State::Run, HostOptions::LIVE);
         let why = made.map(|_| ()).unwrap_err().to_string();
         let expected = "the propulsion drive is refused: 0x607F:0 (greatest velocity): it takes 1 to 25000, not ";

@@ -8,6 +8,7 @@ mod blind;
 mod by_sheets;
 mod campaign;
 mod canopen_io;
+mod drive_tables;
 mod estimator;
 mod faults;
 mod gamepad;

@@ -1,8 +1,9 @@
 //! The robot's two drives, as thin tables over [`Master`](crate::Master), [`axis`](crate::axis) and [`cia402`]; the
 //! table of any other drive out of its data sheet is [`mod@derive`]'s.
 //!
-//! Both drives also offer the dictionary of their simulated twin: driver and twin read one table. A drive that needs
-//! code is another file here: `docs/adding-a-drive.md`.
+//! Both drives also offer the dictionary of their simulated twin. What drives a robot is a file each, `epos.toml` and
+//! `icla.toml` of the crate `drivers`, which this crate cannot read; a test there compares them with the tables here. A
+//! drive that needs code is another file here: `docs/adding-a-drive.md`.
 
 pub mod cia402;
 mod cia402_objects;

@@ -11,6 +11,7 @@ use canopen::drives::epos;
 use canopen::eds::{self, Eds};
 use canopen::pdo::Pdo;
 use drivers::canbus::Drive;
+use drivers::canbus::table::Twin;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
@@ -98,10 +99,13 @@ fn sheet(known: &Known) -> Result<Eds, Failed> {
     match &known.eds {
         Some(path) => read(path),
         None => {
+            let twin = known.drive.table().and_then(|table| table.simulated);
             let text = match known.drive {
-                Drive::Epos(_) => EPOS,
-                Drive::Icla(_) => ICLA,
-                Drive::Cia402(_) => return Err(format!("{}: no data sheet is configured", known.name).into()),
+                Drive::Wheel(_) | Drive::Steering(_) if twin == Some(Twin::Epos) => EPOS,
+                Drive::Wheel(_) | Drive::Steering(_) if twin == Some(Twin::Icla) => ICLA,
+                Drive::Wheel(_) | Drive::Steering(_) | Drive::Cia402(_) => {
+                    return Err(format!("{}: no data sheet is configured", known.name).into());
+                }
                 Drive::Odrive(_) | Drive::Vesc(_) => {
                     return Err(format!("{}: this drive is no CANopen node", known.name).into());
                 }

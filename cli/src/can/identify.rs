@@ -1,7 +1,7 @@
 //! `advee can identify`: the drives on a bus, as the lines of `robot.toml` by which they are driven.
 //!
-//! A drive is known by its identity (0x1018): from the data sheets in the configuration folder and those that are
-//! given, else from the built-in tables. ODrives and VESCs, which are no nodes of CANopen, are known by their versions.
+//! A drive is known by its identity (0x1018): from the tables in the folder `drives`, from the data sheets in the
+//! configuration folder and those that are given, else from the built-in tables. ODrives and VESCs, which are no nodes of CANopen, are known by their versions.
 //! What nobody but a person knows is marked by a question mark.
 
 use super::controllers::{Controller, Kind};
@@ -10,10 +10,11 @@ use super::target::{Target, Where};
 use crate::{Common, Failed, Outcome, print};
 use canopen::axis::modes::Mode;
 use canopen::drives::derive::{Derived, Description, Limits, Quirks, Reason, Refusal, VelocityUnit, derive};
-use canopen::drives::{epos, icla};
 use canopen::eds::Eds;
-use canopen::master::Expect;
+use drivers::canbus::table::DriveFile;
+use drivers::canbus::tables::FOLDER;
 use host::ports::PortConfig;
+use robot::config::drives::{self, DriveTables};
 use std::f64::consts::TAU;
 use std::fmt::Write;
 use std::fs;
@@ -40,10 +41,20 @@ struct Sheet {
     beside: bool,
 }
 
+/// A drive as a file.
+struct Known {
+    name: String,
+    file: DriveFile,
+    /// It is in the folder of the configuration.
+    of_user: bool,
+    /// Its data sheet, where the file says nothing else of its vendor.
+    sheet: Option<Sheet>,
+}
+
 /// What drives a node.
 enum Driver<'a> {
-    /// A built-in driver.
-    BuiltIn(&'static str),
+    /// A table.
+    Table(&'a Known),
     Sheet(&'a Sheet),
     /// A drive of which there is no sheet.
     Unknown,
@@ -67,9 +78,10 @@ const STEERING_RAD: f64 = 0.8;
 pub fn identify(common: &Common, command: &Identify) -> Outcome {
     let target = command.place.find(common)?;
     let sheets = sheets(&common.config_dir(), &command.sheets)?;
+    let tables = tables(&common.config_dir())?;
     let (rows, others) = command.asked.everybody(&target)?;
     let rows: Vec<_> = rows.iter().map(|(id, row)| (*id, row)).collect();
-    print(text(&target, &axes(common), (&rows, &others), &sheets).trim_end())?;
+    print(text(&target, &axes(common), (&rows, &others), (&sheets, &tables)).trim_end())?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -77,6 +89,20 @@ pub fn identify(common: &Common, command: &Identify) -> Outcome {
 fn axes(common: &Common) -> Vec<&'static str> {
     let configured = [false, true].into_iter().find_map(|sim| common.load(sim).ok());
     configured.map_or_else(|| vec!["left", "right"], |config| config.robot.axes().to_vec())
+}
+
+/// The built-in tables, and those in the configuration folder.
+fn tables(config: &Path) -> Result<Vec<Known>, Failed> {
+    known(&drives::read(config)?, config)
+}
+
+fn known(tables: &DriveTables, config: &Path) -> Result<Vec<Known>, Failed> {
+    let known = |(name, file, of_user): (&str, &DriveFile, bool)| {
+        let states_vendor = file.identity().iter().any(|expect| (expect.index, expect.sub) == (0x1018, 1));
+        let sheet = file.eds().filter(|_| !states_vendor).map(|eds| read(config.join(FOLDER).join(eds), true));
+        Ok(Known { name: name.into(), file: file.clone(), of_user, sheet: sheet.transpose()? })
+    };
+    tables.iter().map(known).collect()
 }
 
 /// The sheets in the configuration folder, if there is one, and those that are given.
@@ -127,26 +153,50 @@ impl Sheet {
     }
 }
 
-fn driver<'a>(node: u8, row: &Row, sheets: &'a [Sheet]) -> Driver<'a> {
+impl Known {
+    /// True if a node has the identity of the file.
+    fn is_of(&self, node: u8, row: &Row) -> bool {
+        if self.sheet.as_ref().is_some_and(|sheet| !sheet.is_of(node, row)) {
+            return false;
+        }
+        let expected = self.file.identity();
+        let mut identity = expected.iter().filter(|expect| expect.index == 0x1018);
+        let is_stated = self.sheet.is_some() || identity.clone().any(|expect| expect.sub == 1);
+        is_stated
+            && identity.all(|expect| {
+                let said = row.number(expect.sub.into());
+                said.is_some_and(|value| (expect.min..=expect.max).contains(&(value & expect.mask)))
+            })
+    }
+
+    /// The lines of a node that has this drive.
+    fn add_to(&self, lines: &mut Lines<'_>, node: u8, axis: (&str, &str)) {
+        lines.node(node, axis, &self.name);
+        let has_gear = self.file.gear().is_some()
+            || self.sheet.as_ref().is_some_and(|sheet| sheet.eds.object(0x6091, 1).is_some());
+        if !has_gear {
+            lines.gear();
+        }
+        if axis.0 == STEERING {
+            lines.steering();
+        }
+    }
+}
+
+fn driver<'a>(node: u8, row: &Row, sheets: &'a [Sheet], tables: &'a [Known]) -> Driver<'a> {
     if let Some(profile) = row.number(0).map(|device| device as u16).filter(|profile| *profile != PROFILE) {
         return Driver::NoDrive(profile);
+    }
+    let table = |of_user: bool| tables.iter().find(|known| known.of_user == of_user && known.is_of(node, row));
+    if let Some(own) = table(true) {
+        return Driver::Table(own);
     }
     if let Some(sheet) = sheets.iter().find(|sheet| sheet.is_of(node, row)) {
         return Driver::Sheet(sheet);
     }
-    let is = |expected: &[Expect]| {
-        let said = |sub: u8| row.number(sub.into());
-        let identity = expected.iter().filter(|expect| expect.index == 0x1018);
-        identity.clone().count() > 0
-            && identity.into_iter().all(|expect| {
-                said(expect.sub).is_some_and(|value| (expect.min..=expect.max).contains(&(value & expect.mask)))
-            })
-    };
-    let built_in = [("epos", &epos::TABLE), ("icla", &icla::TABLE)];
-    let known = built_in.into_iter().find(|(_, table)| is(&table.identity));
     let states_vendor = row.number(1).is_some_and(|vendor| vendor != 0);
     let unknown = if states_vendor { Driver::Unknown } else { Driver::Nameless };
-    known.map_or(unknown, |(name, _)| Driver::BuiltIn(name))
+    table(false).map_or(unknown, Driver::Table)
 }
 
 impl Driver<'_> {
@@ -164,7 +214,7 @@ impl Driver<'_> {
                  robot.toml."
                     .into()
             }
-            Self::BuiltIn(_) | Self::Sheet(_) => return None,
+            Self::Table(_) | Self::Sheet(_) => return None,
         })
     }
 }
@@ -174,7 +224,7 @@ fn text(
     target: &Target,
     axes: &[&'static str],
     (rows, others): (&[(u8, &Row)], &[Controller]),
-    sheets: &[Sheet],
+    (sheets, tables): (&[Sheet], &[Known]),
 ) -> String {
     // An interface that is no bus of the configuration becomes its first one.
     let bus = if target.name.starts_with("can.") { target.name.as_str() } else { "can.main" };
@@ -194,7 +244,7 @@ fn text(
     for (node, row) in rows {
         lines.blank();
         lines.remark(&title(*node, row));
-        let driver = driver(*node, row, sheets);
+        let driver = driver(*node, row, sheets, tables);
         if let Some(why) = driver.refusal() {
             lines.remark(&why);
             continue;
@@ -208,13 +258,7 @@ fn text(
             if is_sure { "" } else { "? turn it by hand, and see whose position changes: advee can monitor --changes" };
         match driver {
             Driver::Sheet(sheet) => by_sheet(&mut lines, *node, (axis, check), sheet),
-            Driver::BuiltIn(name) => {
-                lines.node(*node, (axis, check), name);
-                lines.gear();
-                if axis == STEERING {
-                    lines.steering();
-                }
-            }
+            Driver::Table(known) => known.add_to(&mut lines, *node, (axis, check)),
             Driver::Unknown | Driver::Nameless | Driver::NoDrive(_) => {}
         }
     }
@@ -426,9 +470,14 @@ fn quoted(text: &str) -> String {
 mod tests {
     use super::*;
 
+    fn built_in() -> Vec<Known> {
+        known(&DriveTables::default(), Path::new("")).unwrap()
+    }
+
     #[track_caller]
     fn refused(numbers: &[Option<u32>], text: &str) {
-        let refusal = driver(1, &Row::stating(numbers), &[]).refusal();
+        let tables = built_in();
+        let refusal = driver(1, &Row::stating(numbers), &[], &tables).refusal();
         assert!(refusal.as_ref().is_some_and(|refusal| refusal.contains(text)), "{refusal:?}, not {text}");
     }
 
@@ -441,6 +490,38 @@ mod tests {
         refused(&[drive, Some(0), Some(2)], "It states no vendor (0x1018:1)");
         refused(&[drive, None], "It states no vendor (0x1018:1)");
         let epos = Row::stating(&[drive, Some(0xFB), Some(0x6410_0000), Some(0x2033_0000)]);
-        assert!(matches!(driver(1, &epos, &[]), Driver::BuiltIn("epos")));
+        assert!(matches!(driver(1, &epos, &[], &built_in()), Driver::Table(known) if known.name == "epos"));
+    }
+
+    #[test]
+    fn a_drive_of_a_table_of_the_folder_is_written_with_its_name() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+        let folder = std::env::temp_dir().join(format!("advee-identify-{}", std::process::id()));
+        fs::create_dir_all(folder.join(FOLDER)).unwrap();
+        let sheet = root.join("buses/canopen/eds/others/maxon_epos4_50_15_node1.dcf");
+        fs::copy(sheet, folder.join(FOLDER).join("own.dcf")).unwrap();
+        let write = |name: &str, text: &str| fs::write(folder.join(FOLDER).join(name), text).unwrap();
+        write("own.toml", "form = \"sheet\"\neds = \"own.dcf\"\n");
+        write("lift.toml", "form = \"sheet\"\neds = \"own.dcf\"\ngear = 5\nvendor = 7\nrevision_min = 3\n");
+        let tables = tables(&folder).unwrap();
+        let drive = Some(0x0002_0192);
+        let name = |numbers: &[Option<u32>]| match driver(1, &Row::stating(numbers), &[], &tables) {
+            Driver::Table(known) => known.name.clone(),
+            _ => String::new(),
+        };
+        let own = &tables.iter().find(|known| known.name == "own").unwrap().sheet.as_ref().unwrap().eds;
+        let stated = |sub| own.dictionary(1).get(0x1018, sub).map(|number| number as u32);
+        assert_eq!(name(&[drive, stated(1), stated(2), Some(1)]), "own");
+        assert_eq!(name(&[drive, Some(7), Some(1), Some(3)]), "lift");
+        assert_eq!(name(&[drive, Some(7), Some(1), Some(2)]), "", "an older revision");
+        assert_eq!(name(&[drive, Some(0xFB), Some(0x6410_0000)]), "epos");
+
+        let lift = tables.iter().find(|known| known.name == "lift").unwrap();
+        let mut lines = Lines { text: String::new(), bus: "can.main" };
+        lift.add_to(&mut lines, 3, ("left", ""));
+        assert_eq!(lines.text, "[[can.main.nodes]]\nid = 3\naxis = \"left\"\ndriver = \"lift\"\n");
+        fs::remove_file(folder.join(FOLDER).join("own.dcf")).unwrap();
+        assert!(super::tables(&folder).is_err(), "a sheet that is not there is named");
+        fs::remove_dir_all(&folder).unwrap();
     }
 }

@@ -12,7 +12,7 @@ use std::path::PathBuf;
 ///
 /// | rule | for |
 /// |---|---|
-/// | a range | `f64`, integers, [`Duration`] in seconds, lists of `u16` |
+/// | a range | `f64`, integers, [`Duration`] in seconds, lists of `u16` and `u32` |
 /// | `()`, the default | `bool`, [`String`] and [`PathBuf`] (not empty), lists of texts, declared tables, their lists |
 /// | [`Corners`](crate::Corners) | polygons, lists of polygons |
 /// | [`ZeroOr`], [`Off`], [`Blank`], [`Texts`], [`Span`], [`Form`], [`Bytes`], [`Choice`], [`Parsed`] | see there |
@@ -118,24 +118,30 @@ macro_rules! integers {
 
 integers!(i8, u8, u16, u32, u64);
 
-impl Rule<Vec<u16>> for RangeInclusive<u16> {
-    fn accept(&self, value: &Value) -> Option<Vec<u16>> {
-        let Value::Array(items) = value else { return None };
-        items.iter().map(|item| Rule::<u16>::accept(self, &item.value)).collect()
-    }
+macro_rules! lists {
+    ($($integer:ty),*) => {
+        $(impl Rule<Vec<$integer>> for RangeInclusive<$integer> {
+            fn accept(&self, value: &Value) -> Option<Vec<$integer>> {
+                let Value::Array(items) = value else { return None };
+                items.iter().map(|item| Rule::<$integer>::accept(self, &item.value)).collect()
+            }
 
-    fn expected(&self) -> String {
-        format!("a list of integers from {} to {}", self.start(), self.end())
-    }
+            fn expected(&self) -> String {
+                format!("a list of integers from {} to {}", self.start(), self.end())
+            }
 
-    fn stand_in(&self) -> Vec<u16> {
-        Vec::new()
-    }
+            fn stand_in(&self) -> Vec<$integer> {
+                Vec::new()
+            }
 
-    fn shown(&self, values: &Vec<u16>) -> String {
-        texts(values)
-    }
+            fn shown(&self, values: &Vec<$integer>) -> String {
+                texts(values)
+            }
+        })*
+    };
 }
+
+lists!(u16, u32);
 
 impl Rule<bool> for () {
     fn accept(&self, value: &Value) -> Option<bool> {

@@ -27,6 +27,7 @@ mod devices;
 mod drive;
 mod engine;
 mod feed_output;
+mod identity_keys;
 mod ignored;
 mod inputs;
 mod keys;
@@ -47,6 +48,8 @@ mod servo;
 mod speed_monitor;
 mod steering;
 mod strain;
+pub mod table;
+pub mod tables;
 #[cfg(test)]
 mod tests;
 mod vesc;
@@ -54,8 +57,8 @@ mod wheels;
 
 pub use cia402::{Cia402, Cia402Config, VelocityUnit};
 pub use config::{
-    Axis, BusConfig, Config, ConfigError, Drive, EposConfig, FurtherBus, HomingRelease, IclaConfig, Node, PauseStop,
-    PropulsionConfig, PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, Stop, StopInput, UnbrakedStop,
+    Axis, BusConfig, Config, ConfigError, Drive, FurtherBus, HomingRelease, Node, PauseStop, PropulsionConfig,
+    PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, SteeringKeys, Stop, StopInput, UnbrakedStop, WheelKeys,
 };
 pub use feed_output::{GpioConfig, OutputConfig};
 pub use keys::ControllerConfig;
@@ -473,7 +476,7 @@ impl Canbus {
     /// the motors may not.
     fn owner_of(&self, node: NodeAt) -> NodeOwner {
         let of_canopen = |wheel: &&PropulsionConfig| {
-            matches!(wheel.drive, PropulsionDrive::Epos { .. } | PropulsionDrive::Cia402 { .. })
+            matches!(wheel.drive, PropulsionDrive::Table { .. } | PropulsionDrive::Cia402 { .. })
         };
         let wheels = self.config.wheels.iter().filter(of_canopen).map(|wheel| &wheel.writable);
         let writable = wheels.chain(self.config.steering.iter().map(|steering| &steering.writable));

@@ -147,7 +147,8 @@ fn identity(sheet: Sheet<'_>, description: &Description) -> Vec<Expect> {
         Some(Expect::equal(0x1018, sub, number as u32))
     };
     let own = description.quirks.identity.iter().copied();
-    let of_sheet = [1, 2].into_iter().filter_map(stated).filter(|_| description.quirks.identity.is_empty());
+    let is_given = own.clone().any(|expect| expect.index == 0x1018 && expect.sub <= 2);
+    let of_sheet = [1, 2].into_iter().filter_map(stated).filter(|_| !is_given);
     core::iter::once(device).chain(own).chain(of_sheet).collect()
 }
 

@@ -25,7 +25,8 @@ pub const VENDOR: u32 = 0x0000_00FB;
 const HARDWARE: u32 = 0x6410;
 
 /// The drive: target velocity and actual velocity in rpm, by RPDO4 and TPDO4, which is off until configured. It stops
-/// by 0x000B, enable, quick stop and switch on, as maxon's notes have it.
+/// by 0x000B, enable, quick stop and switch on, as maxon's notes have it. `epos.toml` of the crate `drivers`
+/// is the same.
 pub static TABLE: Table = Table {
     device_type: Some(DEVICE_TYPE),
     identity: Cow::Borrowed(&[

@@ -28,7 +28,8 @@ const PRODUCT: u32 = 0x4E30_3635;
 const REVISION_MIN: u32 = 0x0001_0002;
 
 /// The drive: target position and actual position in increments, by RPDO2 and TPDO2. It stops by the quick stop ramp,
-/// stays in Quick Stop Active and holds; the same when the master is silent.
+/// stays in Quick Stop Active and holds; the same when the master is silent. `icla.toml` of the crate `drivers` is the
+/// same.
 pub static TABLE: Table = Table {
     device_type: Some(DEVICE_TYPE),
     identity: Cow::Borrowed(&[

@@ -2,17 +2,18 @@
 
 use super::*;
 use crate::can::target::{Known, Target};
-use drivers::canbus::{Drive, EposConfig};
+use drivers::canbus::{Drive, WheelKeys, table};
 use host::ports::PortConfig;
 
 fn decoder() -> Decoder {
     let known = |id, name: &str, drive| Known { id, name: name.into(), drive, eds: None };
+    let drive = Drive::Wheel(WheelKeys { gear: 1.0, table: table::built_in("epos") });
     let target = Target {
         name: "can.main".into(),
         raw: None,
         port: PortConfig::CanSocket { interface: "can0".into() },
         bitrate: 500_000,
-        known: vec![known(1, "propulsion", Drive::Epos(EposConfig { gear: 1.0 }))],
+        known: vec![known(1, "propulsion", drive)],
         master: None,
         numbers_from: 0,
     };

@@ -1,6 +1,7 @@
 //! A drive of CiA 402 by its data sheet: from the keys of the configuration to what the drive must be.
 
 use super::config::{ConfigError, SecondWay, Stop, check_method};
+use super::identity_keys::{self, IdentityKeys};
 use super::{Axis, Config};
 use base::Duration;
 use canopen::axis::modes::Mode;
@@ -27,6 +28,10 @@ settings! {
         vendor: Option<u32> = optional, 1..=4_294_967_295;
         /// Product code, 0x1018:2.
         product: Option<u32> = optional, 0..=4_294_967_295;
+        /// Least revision, 0x1018:3.
+        revision_min: Option<u32> = optional, 0..=4_294_967_295;
+        /// Further objects by which the drive is recognized.
+        identity: Vec<IdentityKeys> = Vec::new();
         /// Controlword that stops.
         quick_stop_word: u16 = 2, 2..=0x0B;
         /// The drive stays in Quick Stop Active although no option code (0x605A) says so.
@@ -136,6 +141,7 @@ impl Cia402Config {
         if !self.stops_without.iter().all(|index| STOPPING.contains(index)) {
             table.refuse("stops_without", "indices of objects by which a drive stops");
         }
+        identity_keys::check_count(table, &self.identity);
         check_method(table, self.homing_method);
     }
 
@@ -156,15 +162,18 @@ impl Cia402Config {
         }
     }
 
+    /// What the drive must be by the keys.
+    pub(super) fn identity(&self) -> Vec<Expect> {
+        identity_keys::expected([self.vendor, self.product, self.revision_min], &self.identity)
+    }
+
     fn quirks(&self) -> Quirks {
-        let identity = [(1, self.vendor), (2, self.product)];
-        let identity = identity.into_iter().filter_map(|(sub, value)| Some(Expect::equal(0x1018, sub, value?)));
         Quirks {
             quick_stop: Some(self.quick_stop_word),
             keeps_quick_stop: self.keeps_quick_stop,
             homed: self.homed_bit.map_or(0, |bit| 1 << bit),
             vouched: self.stops_without.clone(),
-            identity: identity.collect(),
+            identity: self.identity(),
             current: self.current(),
             temperature: self.temperature(),
         }

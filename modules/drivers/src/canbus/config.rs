@@ -8,6 +8,7 @@ use super::odrive::{OdriveConfig, is_ambiguous};
 use super::protection;
 use super::ranging::RangingBoard;
 use super::requests::may_be_listed;
+use super::table::{self, BUILT_IN, DriveTable};
 use super::vesc::VescConfig;
 use crate::io::Canopen;
 use base::Duration;
@@ -15,7 +16,7 @@ use canopen::axis::modes::method::Method;
 use canopen::drives::derive::Refusal;
 use canopen::eds::Eds;
 use settings::robot::{Base, Geometry, Limits, Traction};
-use settings::{Blank, Off, Section as _, Table, ZeroOr, settings};
+use settings::{Blank, Off, Rows, Rule, Section, Table, Value, ZeroOr, settings};
 use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -278,37 +279,37 @@ settings! {
     }
 }
 
-settings! {
-    /// Drives with a driver: CANopen nodes, and motor controllers without CANopen.
-    #[derive(Clone, Debug, PartialEq)]
-    pub enum Drive by driver {
-        /// maxon EPOS 70/10, for a driven wheel.
-        Epos(EposConfig) = "epos",
-        /// Berger Lahr IclA, for the steering.
-        Icla(IclaConfig) = "icla",
-        /// Any drive of CiA 402, by its data sheet (`docs/adding-a-drive.md`).
-        Cia402(Cia402Config) = "cia402",
-        /// ODrive by CAN Simple, for a wheel (`docs/motor-controllers.md`).
-        Odrive(OdriveConfig) = "odrive",
-        /// VESC on CAN, for a wheel (`docs/motor-controllers.md`).
-        Vesc(VescConfig) = "vesc",
-    }
+/// Drives with a driver: CANopen nodes, and motor controllers without CANopen.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Drive {
+    /// A wheel, by a table of objects: `epos`, or a file of the user's.
+    Wheel(WheelKeys),
+    /// The steering, by a table of objects: `icla`, or a file of the user's.
+    Steering(SteeringKeys),
+    /// Any drive of CiA 402, by its data sheet (`docs/adding-a-drive.md`).
+    Cia402(Cia402Config),
+    /// ODrive by CAN Simple, for a wheel (`docs/motor-controllers.md`).
+    Odrive(OdriveConfig),
+    /// VESC on CAN, for a wheel (`docs/motor-controllers.md`).
+    Vesc(VescConfig),
 }
 
 settings! {
-    /// An EPOS 70/10.
+    /// A wheel's drive by a table of objects.
     #[derive(Clone, Debug, PartialEq)]
-    pub struct EposConfig {
+    pub struct WheelKeys {
         /// Motor turns per wheel turn, not 0; negative when the motor is mounted the other way round.
         gear: f64 = required, -1000.0..=1000.0;
+        /// The table of the drive.
+        table: Option<Arc<DriveTable>> = unset None;
     }
-    check EposConfig::check;
+    check WheelKeys::check;
 }
 
 settings! {
-    /// An IclA N065.
+    /// A steering drive by a table of objects.
     #[derive(Clone, Debug, PartialEq)]
-    pub struct IclaConfig {
+    pub struct SteeringKeys {
         /// Motor turns per turn of the equivalent single front wheel, not 0; negative when counts fall
         /// counter-clockwise.
         gear: f64 = required, -10_000.0..=10_000.0;
@@ -324,8 +325,10 @@ settings! {
         homing_timeout_s as homing_timeout: Duration = 15.0, 1.0..=120.0;
         /// Maps the PDOs of a drive that has others; else such a drive is refused.
         remap: bool = false;
+        /// The table of the drive.
+        table: Option<Arc<DriveTable>> = unset None;
     }
-    check IclaConfig::check;
+    check SteeringKeys::check;
 }
 
 /// Error of a configuration.
@@ -521,10 +524,12 @@ pub struct PropulsionConfig {
 /// Kind of such a drive.
 #[derive(Clone, Debug)]
 pub enum PropulsionDrive {
-    /// An EPOS 70/10.
-    Epos {
-        /// Motor speed at 1 m/s, rpm; negative when the motor is mounted the other way round.
-        rpm_per_mps: f64,
+    /// A drive of CiA 402 by a table of objects.
+    Table {
+        /// The table.
+        table: Arc<DriveTable>,
+        /// Velocity in the unit of the drive at 1 m/s; negative when the motor is mounted the other way round.
+        units_per_mps: f64,
     },
     /// Any drive of CiA 402.
     Cia402 {
@@ -568,8 +573,10 @@ pub struct SteeringConfig {
 /// Kind of a steering drive.
 #[derive(Clone, Debug)]
 pub enum SteeringDrive {
-    /// An IclA N065.
-    Icla {
+    /// A drive of CiA 402 by a table of objects.
+    Table {
+        /// The table.
+        table: Arc<DriveTable>,
         /// Motor turns per turn of the equivalent single front wheel.
         gear: f64,
         /// Position counts per turn of the motor.
@@ -644,11 +651,15 @@ impl BusConfig {
     fn wheel_drive(&self, node: &Node, circumference: f64) -> Option<PropulsionConfig> {
         let controller = |gear, device| PropulsionDrive::Controller(ControllerConfig { gear, device, circumference });
         let drive = match &node.drive {
-            Drive::Epos(epos) => PropulsionDrive::Epos { rpm_per_mps: 60.0 * epos.gear / circumference },
+            Drive::Wheel(keys) => {
+                let table = keys.table.clone()?;
+                let units_per_mps = table.units_per_turn * keys.gear / circumference;
+                PropulsionDrive::Table { table, units_per_mps }
+            }
             Drive::Cia402(keys) => PropulsionDrive::Cia402 { drive: node.by_sheet(keys), circumference },
             Drive::Odrive(keys) => controller(keys.gear, keys.device(node.id)),
             Drive::Vesc(keys) => controller(keys.motor.gear, keys.device(node.id)),
-            Drive::Icla(_) => return None,
+            Drive::Steering(_) => return None,
         };
         Some(PropulsionConfig { axis: node.axis, node: node.id, drive, writable: node.writable.clone() })
     }
@@ -667,16 +678,16 @@ impl BusConfig {
             writable: node.writable.clone(),
         };
         Some(match &node.drive {
-            Drive::Icla(icla) => {
-                let &IclaConfig { gear, counts_per_turn, remap, .. } = icla;
-                let drive = SteeringDrive::Icla { gear, counts_per_turn, remap };
-                steering(drive, icla.switch, icla.homing_method, icla.homing_speed, icla.homing_timeout)
+            Drive::Steering(keys) => {
+                let &SteeringKeys { gear, counts_per_turn, remap, .. } = keys;
+                let drive = SteeringDrive::Table { table: keys.table.clone()?, gear, counts_per_turn, remap };
+                steering(drive, keys.switch, keys.homing_method, keys.homing_speed, keys.homing_timeout)
             }
             Drive::Cia402(keys) => {
                 let drive = SteeringDrive::Cia402(node.by_sheet(keys));
                 steering(drive, keys.switch?, keys.homing_method, keys.homing_speed?, keys.homing_timeout)
             }
-            Drive::Epos(_) | Drive::Odrive(_) | Drive::Vesc(_) => return None,
+            Drive::Wheel(_) | Drive::Odrive(_) | Drive::Vesc(_) => return None,
         })
     }
 
@@ -753,16 +764,16 @@ impl Node {
     fn check(&self, table: &Table<'_>) {
         let steers = self.axis == Axis::Steering;
         match &self.drive {
-            Drive::Epos(_) | Drive::Odrive(_) | Drive::Vesc(_) if steers => {
+            Drive::Wheel(_) | Drive::Odrive(_) | Drive::Vesc(_) if steers => {
                 table.refuse("axis", r#""propulsion" or a wheel: this driver cannot steer"#);
             }
-            Drive::Icla(_) if !steers => {
+            Drive::Steering(_) if !steers => {
                 table.refuse("axis", r#""steering", which is all that this driver can move"#);
             }
             Drive::Cia402(keys) => keys.check_axis(self.axis, table),
             Drive::Odrive(_) => OdriveConfig::check_node(self.id, table),
             Drive::Vesc(_) => refuse_canopen(table),
-            Drive::Epos(_) | Drive::Icla(_) => {}
+            Drive::Wheel(_) | Drive::Steering(_) => {}
         }
         if !self.writable.iter().all(|index| may_be_listed(*index)) {
             table.refuse("writable", "indices of the device profile on which no motion, supervision or stop depends");
@@ -787,8 +798,8 @@ impl Drive {
     #[must_use]
     pub fn gear(&self) -> Option<f64> {
         match self {
-            Self::Epos(keys) => Some(keys.gear),
-            Self::Icla(keys) => Some(keys.gear),
+            Self::Wheel(keys) => Some(keys.gear),
+            Self::Steering(keys) => Some(keys.gear),
             Self::Cia402(keys) => keys.gear,
             Self::Odrive(keys) => Some(keys.gear),
             Self::Vesc(keys) => Some(keys.motor.gear),
@@ -800,12 +811,93 @@ impl Drive {
     pub fn by_sheet(&self) -> Option<&Cia402Config> {
         match self {
             Self::Cia402(keys) => Some(keys),
-            Self::Epos(_) | Self::Icla(_) | Self::Odrive(_) | Self::Vesc(_) => None,
+            Self::Wheel(_) | Self::Steering(_) | Self::Odrive(_) | Self::Vesc(_) => None,
+        }
+    }
+
+    /// The table of objects by which it is driven.
+    #[must_use]
+    pub fn table(&self) -> Option<&Arc<DriveTable>> {
+        match self {
+            Self::Wheel(keys) => keys.table.as_ref(),
+            Self::Steering(keys) => keys.table.as_ref(),
+            Self::Cia402(_) | Self::Odrive(_) | Self::Vesc(_) => None,
         }
     }
 }
 
-impl EposConfig {
+/// Names of drivers that are no tables.
+pub(super) const DRIVERS: [&str; 3] = ["cia402", "odrive", "vesc"];
+/// Before the name of a table of objects, in the key `driver`: a table that turns a wheel, and one that steers. The
+/// reader of a node knows by it which keys the node has. No name of a file contains a colon.
+pub(super) const TURNS: &str = "wheel:";
+pub(super) const STEERS: &str = "steering:";
+
+/// The name of a driver, or of a table.
+struct DriverName;
+
+impl Rule<String> for DriverName {
+    fn accept(&self, value: &Value) -> Option<String> {
+        let Value::String(name) = value else { return None };
+        let is_table = [TURNS, STEERS].iter().any(|kind| name.starts_with(kind));
+        let is_known = is_table || DRIVERS.contains(&name.as_str()) || table::built_in(name).is_some();
+        is_known.then(|| name.clone())
+    }
+
+    fn expected(&self) -> String {
+        let names = BUILT_IN.iter().map(|(name, _)| *name).chain(DRIVERS);
+        let names: Vec<String> = names.map(|name| format!("{name:?}")).collect();
+        format!("{}, or the NAME of a file drives/NAME.toml", names.join(" or "))
+    }
+
+    fn stand_in(&self) -> String {
+        BUILT_IN[0].0.into()
+    }
+
+    fn shown(&self, name: &String) -> String {
+        format!("{name:?}")
+    }
+}
+
+impl Section for Drive {
+    fn read(table: &mut Table<'_>) -> Self {
+        let driver = table.required("driver", &DriverName);
+        let read = |table: &mut Table<'_>| match driver.as_str() {
+            "cia402" => Self::Cia402(Section::read(table)),
+            "odrive" => Self::Odrive(Section::read(table)),
+            "vesc" => Self::Vesc(Section::read(table)),
+            name if name.starts_with(STEERS) => Self::Steering(Section::read(table)),
+            name if name.starts_with(TURNS) => Self::Wheel(Section::read(table)),
+            name => {
+                let of_name = table::built_in(name);
+                if of_name.as_ref().is_some_and(|table| !table.turns_wheels()) {
+                    Self::Steering(SteeringKeys { table: of_name, ..Section::read(table) })
+                } else {
+                    Self::Wheel(WheelKeys { table: of_name, ..Section::read(table) })
+                }
+            }
+        };
+        read(table)
+    }
+
+    fn rows(rows: &mut Rows) {
+        let about = "`epos`: maxon EPOS 70/10, for a driven wheel. `icla`: Berger Lahr IclA, for the steering. \
+                     `cia402`: any drive of CiA 402, by its data sheet (`docs/adding-a-drive.md`). `odrive`: ODrive by \
+                     CAN Simple, for a wheel, `vesc`: VESC on CAN, for a wheel (`docs/motor-controllers.md`). `NAME`: \
+                     the drive of the file `drives/NAME.toml`, whose keys are below; what the node states, too, counts \
+                     in place of them. With `form = \"sheet\"` the node has the keys of `cia402`, with `form = \
+                     \"objects\"` those of `epos` for a wheel, those of `icla` for the steering.";
+        rows.key("driver", None, about);
+        rows.required::<String, _>(&DriverName);
+        rows.only("epos", WheelKeys::rows);
+        rows.only("icla", SteeringKeys::rows);
+        rows.only("cia402", Cia402Config::rows);
+        rows.only("odrive", OdriveConfig::rows);
+        rows.only("vesc", VescConfig::rows);
+    }
+}
+
+impl WheelKeys {
     fn check(&self, table: &Table<'_>) {
         not_zero(table, self.gear);
     }
@@ -818,7 +910,7 @@ pub(super) fn check_method(table: &Table<'_>, number: i8) {
     }
 }
 
-impl IclaConfig {
+impl SteeringKeys {
     fn check(&self, table: &Table<'_>) {
         not_zero(table, self.gear);
         check_method(table, self.homing_method);

@@ -131,7 +131,7 @@ impl Controller {
                 }
                 (Engine::Line(engine.channel(line, motor)), of.bus.clone(), config.wheel_circumference)
             }
-            PropulsionDrive::Epos { .. } | PropulsionDrive::Cia402 { .. } => {
+            PropulsionDrive::Table { .. } | PropulsionDrive::Cia402 { .. } => {
                 return Err(ConfigError::NoSheet(own.axis));
             }
         };

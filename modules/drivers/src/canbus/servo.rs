@@ -9,7 +9,6 @@ use canopen::axis::modes::Mode;
 use canopen::axis::{Goal, PowerState, Units, control};
 use canopen::drives::cia402::{Parameters, Status, Table};
 use canopen::drives::derive::{self, Derived, Reason, Refusal};
-use canopen::drives::epos;
 use canopen::{Master, NodeConfig};
 use module::Actions;
 use settings::robot::Limits;
@@ -47,15 +46,15 @@ impl Servo {
     pub(super) fn new(own: &PropulsionConfig, config: &Config) -> Result<Option<Self>, ConfigError> {
         let limits = &config.limits;
         let (table, parameters, units, turns, reservations) = match &own.drive {
-            PropulsionDrive::Epos { rpm_per_mps } => {
-                let (parameters, units) = epos(own.node, *rpm_per_mps, limits);
-                let (rpm, high) = (units.speed(limits.speed_mps), epos::VELOCITY_MAX_RPM);
-                if rpm > high {
-                    let reason = Reason::OutOfLimits { value: rpm.into(), low: 1, high: high.into() };
+            PropulsionDrive::Table { table, units_per_mps } => {
+                let (parameters, units) = by_table(own.node, *units_per_mps, table.velocity_max, limits);
+                let (velocity, high) = (units.speed(limits.speed_mps), table.velocity_max.unwrap_or(u32::MAX));
+                if velocity > high {
+                    let reason = Reason::OutOfLimits { value: velocity.into(), low: 1, high: high.into() };
                     let refusal = Refusal { index: 0x607F, sub: 0, reason };
                     return Err(ConfigError::Drive { axis: own.axis, refusal });
                 }
-                (epos::TABLE.clone(), parameters, units, 0.0, Vec::new())
+                (table.table.clone(), parameters, units, units_per_mps / table.units_per_turn, Vec::new())
             }
             PropulsionDrive::Cia402 { drive, circumference } => {
                 let wanted = Wanted {
@@ -158,16 +157,18 @@ fn is_redundant(config: &Config) -> bool {
     chassis.is_some_and(|chassis| chassis.redundancy() > 0)
 }
 
-/// Values and units of an EPOS. Its speeds are rpm and rpm/s; its position is not used.
-fn epos(node: u8, rpm_per_mps: f64, limits: &Limits) -> (Parameters, Units) {
-    let units = Units::new(rpm_per_mps, rpm_per_mps, rpm_per_mps);
+/// Values and units of a drive by a table of objects: at 1 m/s its velocity is `units_per_mps`, its ramps are that per
+/// second. Its position is not used.
+fn by_table(node: u8, units_per_mps: f64, velocity_max: Option<u32>, limits: &Limits) -> (Parameters, Units) {
+    let units = Units::new(units_per_mps, units_per_mps, units_per_mps);
     let parameters = Parameters {
+        node,
         // A margin above the limit of commands, for the drive's own controller.
-        velocity: units.speed(limits.speed_mps * 1.1).min(epos::VELOCITY_MAX_RPM),
+        velocity: units.speed(limits.speed_mps * 1.1).min(velocity_max.unwrap_or(u32::MAX)),
         acceleration: units.acceleration(limits.acceleration_mps2),
         deceleration: units.acceleration(limits.deceleration_mps2),
         quick_stop_deceleration: units.acceleration(limits.quick_stop_mps2),
-        ..epos::parameters(node)
+        remap: false,
     };
     (parameters, units)
 }

@@ -1,8 +1,9 @@
 //! Drive of the front wheels' steering: converts rad to counts; homed to its switch before any motion.
 
-use super::cia402::{Cia402, Wanted};
+use super::cia402::{Cia402, VelocityUnit, Wanted};
 use super::drive::{Drive, Trouble};
 use super::reference::ReferenceCheck;
+use super::table::DriveTable;
 use super::{Config, ConfigError, SteeringConfig, SteeringDrive};
 use base::can::Frame;
 use base::{Duration, Fault, Instant, Severity, earliest};
@@ -10,10 +11,9 @@ use canopen::axis::modes::Mode;
 use canopen::axis::modes::hm::{Homing, HomingConfig, HomingError};
 use canopen::axis::modes::pp::{Setpoint, SetpointEvent};
 use canopen::axis::modes::switch::Access;
-use canopen::axis::{Goal, Rate, Reach, ReachConfig, Units};
+use canopen::axis::{Goal, Reach, ReachConfig, Units};
 use canopen::drives::cia402::{Parameters, Table};
-use canopen::drives::derive::{self, Refusal};
-use canopen::drives::icla;
+use canopen::drives::derive::{self, Reason, Refusal};
 use canopen::master::Ticket;
 use canopen::pdo::Data;
 use canopen::{Event as CanEvent, Master, NodeConfig, Payload, sdo};
@@ -129,7 +129,9 @@ pub(super) struct Steering {
 impl Steering {
     pub(super) fn new(own: &SteeringConfig, config: &Config) -> Result<Self, ConfigError> {
         let Built { table, parameters, units, acceleration, reservations } = match &own.drive {
-            SteeringDrive::Icla { gear, counts_per_turn, remap } => icla(own, *gear, *counts_per_turn, *remap),
+            SteeringDrive::Table { table, gear, counts_per_turn, remap } => {
+                by_table(table, own, *gear, *counts_per_turn, *remap)?
+            }
             SteeringDrive::Cia402(drive) => by_sheet(drive, own, config)?,
         };
         let stands_max = (!config.odometry).then_some(STANDS_MAX);
@@ -490,17 +492,35 @@ struct Built {
     reservations: Vec<Refusal>,
 }
 
-fn icla(config: &SteeringConfig, gear: f64, counts_per_turn: f64, remap: bool) -> Built {
-    let units = Units::rotary(counts_per_turn, gear, Rate::MotorRpm);
+fn by_table(
+    own: &DriveTable,
+    config: &SteeringConfig,
+    gear: f64,
+    counts_per_turn: f64,
+    remap: bool,
+) -> Result<Built, ConfigError> {
+    let turns = gear / TAU;
+    let per_turn = match own.velocity_unit {
+        VelocityUnit::CountsPerSecond => counts_per_turn,
+        _ => own.units_per_turn,
+    };
+    let units = Units::new(counts_per_turn * gear / TAU, turns * per_turn, turns * per_turn);
     let parameters = Parameters {
+        node: config.node,
         velocity: units.speed(config.speed),
         acceleration: units.acceleration(config.speed / RAMP_S),
         deceleration: units.acceleration(config.speed / RAMP_S),
         quick_stop_deceleration: units.acceleration(config.speed / QUICK_STOP_RAMP_S),
         remap,
-        ..icla::parameters(config.node)
     };
-    Built { table: icla::TABLE.clone(), parameters, units, acceleration: true, reservations: Vec::new() }
+    let high = own.velocity_max.unwrap_or(u32::MAX);
+    if parameters.velocity > high {
+        let reason = Reason::OutOfLimits { value: parameters.velocity.into(), low: 1, high: high.into() };
+        let refusal = Refusal { index: 0x6081, sub: 0, reason };
+        return Err(ConfigError::Drive { axis: super::Axis::Steering, refusal });
+    }
+    let acceleration = own.homing_acceleration;
+    Ok(Built { table: own.table.clone(), parameters, units, acceleration, reservations: Vec::new() })
 }
 
 fn by_sheet(drive: &Cia402, own: &SteeringConfig, config: &Config) -> Result<Built, ConfigError> {

@@ -17,6 +17,7 @@ mod motor;
 mod pause;
 mod ranging;
 mod stopping;
+mod table;
 mod velocity;
 mod wheels;
 
@@ -82,12 +83,12 @@ pub(super) fn config() -> Config {
         wheels: vec![PropulsionConfig {
             axis: Axis::Propulsion,
             node: 1,
-            drive: PropulsionDrive::Epos { rpm_per_mps: 2483.0 },
+            drive: epos_with(2483.0),
             writable: vec![0x6065],
         }],
         steering: Some(SteeringConfig {
             node: 2,
-            drive: SteeringDrive::Icla { counts_per_turn: 4096.0, gear: 180.0, remap: false },
+            drive: icla_with(false),
             switch: -0.628,
             homing_method: 27,
             homing_speed: 0.17,
@@ -97,6 +98,17 @@ pub(super) fn config() -> Config {
         }),
         devices: Vec::new(),
     }
+}
+
+/// An EPOS with this velocity of its motor at 1 m/s, rpm.
+fn epos_with(units_per_mps: f64) -> PropulsionDrive {
+    PropulsionDrive::Table { table: super::table::built_in("epos").expect("a built-in table"), units_per_mps }
+}
+
+/// An IclA.
+fn icla_with(remap: bool) -> SteeringDrive {
+    let table = super::table::built_in("icla").expect("a built-in table");
+    SteeringDrive::Table { table, counts_per_turn: 4096.0, gear: 180.0, remap }
 }
 
 /// The steering drive of a configuration that has one.

@@ -45,7 +45,7 @@ pub struct Quirks {
     pub homed: u16,
     /// Objects that the drive lacks, or that cannot be written, and without which it stops nevertheless, by its manual.
     pub vouched: Vec<u16>,
-    /// What the drive must be; empty: vendor and product of its data sheet, where that has them.
+    /// What the drive must be; without vendor and product (0x1018:1 and 2) those of its data sheet, where it has them.
     pub identity: Vec<Expect>,
     /// Object of the motor's current, and its unit; absent: 0x6078, per mille of 0x6075.
     pub current: Option<Own>,

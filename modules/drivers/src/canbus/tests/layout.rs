@@ -4,7 +4,7 @@ use super::*;
 
 fn robot(remap: bool) -> Robot {
     let mut config = config();
-    steering_of(&mut config).drive = SteeringDrive::Icla { counts_per_turn: 4096.0, gear: 180.0, remap };
+    steering_of(&mut config).drive = icla_with(remap);
     let mut robot = Robot::with(epos::dictionary(1), config);
     robot.icla = Fake::new(icla::dictionary_of_profile(2), 6);
     robot.pass(5000);
@@ -38,7 +38,7 @@ fn with_remap_it_is_given_the_layout_and_steers() {
 #[test]
 fn a_drive_without_the_modes_is_refused_even_with_remap() {
     let mut config = config();
-    steering_of(&mut config).drive = SteeringDrive::Icla { counts_per_turn: 4096.0, gear: 180.0, remap: true };
+    steering_of(&mut config).drive = icla_with(true);
     let mut robot = Robot::with(epos::dictionary(1), config);
     robot.icla = Fake::new(icla::dictionary(2), 6);
     robot.icla.node.set(0x6502, 0, 0x05);

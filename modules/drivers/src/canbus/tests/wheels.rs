@@ -29,12 +29,7 @@ fn configured(base: Base) -> Config {
         Axis::Wheel3,
     ];
     let axis = |name: &&str| axes.into_iter().find(|axis| axis.name() == *name).expect("an axis");
-    let wheel = |(n, axis)| PropulsionConfig {
-        axis,
-        node: n,
-        drive: PropulsionDrive::Epos { rpm_per_mps: RPM_PER_MPS },
-        writable: Vec::new(),
-    };
+    let wheel = |(n, axis)| PropulsionConfig { axis, node: n, drive: epos_with(RPM_PER_MPS), writable: Vec::new() };
     let wheels = (1..).zip(base.axes().iter().map(axis)).map(wheel).collect();
     Config { base: Some(base), wheels, steering: None, ..config() }
 }
