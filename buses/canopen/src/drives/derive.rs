@@ -10,6 +10,7 @@ mod description;
 mod draft;
 mod modes;
 mod motor;
+mod motor_speed;
 mod pdos;
 mod refusal;
 mod sheet;
@@ -84,6 +85,7 @@ pub fn derive(eds: &Eds, node: u8, description: &Description) -> Result<Derived,
         return Err(Refusal::new(0x608F, 1, Reason::NoUnit));
     }
     limits(&mut draft, &units)?;
+    motor_speed::motor_speed(&mut draft, turns)?;
     let keeps_quick_stop = stop::stops(&mut draft)?;
     let supervision = stop::supervision(&mut draft)?;
     modes::period(&mut draft)?;

@@ -109,6 +109,8 @@ pub struct Cia402 {
     pub keys: Cia402Config,
     /// The sheet, to be read by who may open files.
     pub sheet: Option<Arc<Eds>>,
+    /// Greatest speed that motor and gear can bear, 1/min, if it is given.
+    pub motor_rpm_max: Option<f64>,
 }
 
 /// What an axis asks of its drive.
@@ -167,6 +169,7 @@ impl Cia402Config {
             identity: identity.collect(),
             current: self.current(),
             temperature: self.temperature(),
+            ..Quirks::default()
         }
     }
 
@@ -231,7 +234,7 @@ impl Cia402 {
             master: config.node_id,
             torque: wanted.torque,
             second_way: has_second_way(&config.stop, config.has_pause_line),
-            quirks: self.keys.quirks(),
+            quirks: Quirks { motor_rpm_max: self.motor_rpm_max.map(|rpm| rpm as u32), ..self.keys.quirks() },
         };
         derive(sheet, wanted.node, &description).map_err(|refusal| ConfigError::Drive { axis, refusal })
     }

@@ -38,6 +38,8 @@ const MEASURED_AGE_MAX: Duration = Duration::from_secs(1);
 /// The same of a lost drive.
 const LOST_AGE_MAX: Duration = Duration::from_millis(200);
 
+/// Greatest speed of the motor, 1/min. It is compared at boot-up, where it is not written.
+const MOTOR_SPEED: u16 = 0x6080;
 /// Period of reading the mode of operation while the drive is enabled.
 const MODE_PERIOD: Duration = Duration::from_millis(200);
 /// An emergency that is repeated is reported once in this time, with the number of repetitions.
@@ -125,6 +127,10 @@ impl fmt::Display for Absence {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Booting => f.write_str("is being booted"),
+            Self::BootFailed(_, BootError::Mismatch { index: MOTOR_SPEED, expected, found, .. }) => {
+                write!(f, "cannot be booted: it permits {found} rpm of its motor (0x6080), ")?;
+                write!(f, "the limits of the robot demand {expected} rpm")
+            }
             Self::BootFailed(step, reason) => write!(f, "cannot be booted: {step}: {reason}"),
             Self::Lost(reason) => write!(f, "is lost: {reason}"),
         }

@@ -42,8 +42,9 @@ const STANDSTILL: f64 = 10.0 / 60.0;
 const POSITION_GAIN: f64 = 5.0;
 /// Objects that say what a unit is.
 const UNITS: [u16; 6] = [0x608F, 0x6091, 0x6092, 0x60A8, 0x60A9, 0x60AA];
-/// Windows: of the following error, of the position, of the velocity. The greatest value switches them off.
-const WINDOWS: [u16; 3] = [0x6065, 0x6067, 0x606D];
+/// Windows, of the following error, of the position, of the velocity, and the greatest speed of the motor. The greatest
+/// value switches them off.
+const WINDOWS: [u16; 4] = [0x6065, 0x6067, 0x606D, 0x6080];
 /// Least and greatest position.
 const RANGE: u16 = 0x607D;
 

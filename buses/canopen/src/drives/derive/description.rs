@@ -47,6 +47,9 @@ pub struct Quirks {
     pub vouched: Vec<u16>,
     /// What the drive must be; empty: vendor and product of its data sheet, where that has them.
     pub identity: Vec<Expect>,
+    /// Greatest speed that motor and gear can bear, 1/min: written to 0x6080 where that can be written. Absent: what
+    /// the drive has there must permit the speed of the limits.
+    pub motor_rpm_max: Option<u32>,
     /// Object of the motor's current, and its unit; absent: 0x6078, per mille of 0x6075.
     pub current: Option<Own>,
     /// Object of a temperature, and its unit; absent: none, CiA 402 has no such object.

@@ -127,6 +127,7 @@ const fn name(index: u16) -> Option<&'static str> {
         0x607A => "target position",
         0x607C => "home offset",
         0x607F => "greatest velocity",
+        0x6080 => "greatest motor speed",
         0x6081 => "profile velocity",
         0x6083 => "acceleration",
         0x6084 => "deceleration",

@@ -483,3 +483,34 @@ fn a_current_without_a_rated_one_is_not_taken_for_per_mille() {
     let derived = derive(&eds, NODE, &Description { second_way: true, ..wheel() }).unwrap();
     assert!(derived.table.motor.is_empty(), "0x6078 of the EPOS is in mA, and it has no 0x6075");
 }
+
+#[test]
+fn the_greatest_speed_of_the_motor_is_compared_or_written() {
+    // 1 m/s, 20 turns of the motor in 0.5 m: 2400 rpm.
+    let with_motor = |access: &str| {
+        GENERIC.to_string()
+            + &format!("\n[6080]\nParameterName=x\nObjectType=7\nDataType=7\nAccessType={access}\nHighLimit=5000\n")
+    };
+    let given = |motor_rpm_max| {
+        let quirks = Quirks { motor_rpm_max, ..Quirks::default() };
+        move |gear: f64| Description { quirks: quirks.clone(), gear: Some(gear), ..wheel() }
+    };
+    let compared = |derived: &Derived| derived.table.identity.iter().find(|own| own.index == 0x6080).copied();
+    let as_it_is = derived(&with_motor("rw"), &given(None)(20.0)).unwrap();
+    assert_eq!(compared(&as_it_is), Some(Expect::at_least(0x6080, 0, 2400)));
+    assert_eq!(written(&as_it_is, 0x6080, 0), None);
+    // The direction of the gear does not matter, and a part of a turn per minute is needed whole.
+    assert_eq!(compared(&derived(&with_motor("rw"), &given(None)(-20.001)).unwrap()).unwrap().min, 2401);
+    let set = derived(&with_motor("rw"), &given(Some(3000))(20.0)).unwrap();
+    assert_eq!((compared(&set), written(&set, 0x6080, 0)), (None, Some(3000)));
+    // As far as the drive takes it; what it does not take is refused.
+    assert_eq!(written(&derived(&with_motor("rw"), &given(Some(9000))(20.0)).unwrap(), 0x6080, 0), Some(5000));
+    let reason = Reason::OutOfLimits { value: 6000, low: 0, high: 5000 };
+    let refusal = derived(&with_motor("rw"), &given(Some(9000))(50.0)).unwrap_err();
+    assert_eq!(refusal, Refusal { index: 0x6080, sub: 0, reason });
+    // One that cannot be written is compared in any case; one that cannot be read either is not.
+    let fixed = derived(&with_motor("ro"), &given(Some(3000))(20.0)).unwrap();
+    assert_eq!((compared(&fixed).map(|own| own.min), written(&fixed, 0x6080, 0)), (Some(2400), None));
+    assert_eq!(compared(&derived(&with_motor("wo"), &given(None)(20.0)).unwrap()), None);
+    assert_eq!(compared(&derived(GENERIC, &given(None)(20.0)).unwrap()), None);
+}

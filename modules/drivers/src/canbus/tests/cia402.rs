@@ -3,6 +3,7 @@
 use super::super::{Axis, Cia402, Cia402Config, ConfigError, PropulsionDrive, SteeringDrive, VelocityUnit};
 use super::*;
 use canopen::axis::status;
+use canopen::dictionary::{Access, DataType, Entry};
 use canopen::drives::derive::{Reason, Refusal};
 use canopen::eds::Eds;
 use settings::Section as _;
@@ -15,7 +16,11 @@ const EPOS: &[u8] = include_bytes!("../../../../../buses/canopen/eds/epos_sim.ed
 const CIRCUMFERENCE: f64 = 0.6283;
 
 fn drive(sheet: &[u8], keys: Cia402Config) -> Cia402 {
-    Cia402 { keys, sheet: Some(Arc::new(Eds::parse(sheet).unwrap())) }
+    Cia402 { keys, sheet: Some(Arc::new(Eds::parse(sheet).unwrap())), motor_rpm_max: None }
+}
+
+fn without_sheet() -> Cia402 {
+    Cia402 { keys: Cia402Config::usual(), sheet: None, motor_rpm_max: None }
 }
 
 fn wheel(sheet: &[u8], keys: Cia402Config) -> PropulsionDrive {
@@ -106,6 +111,37 @@ fn a_drive_that_does_not_stop_by_itself_needs_a_second_way_or_its_manual() {
     assert_eq!(told.len(), 3, "{:?}", robot.notes);
     let mut without = by_sheets();
     without.wheels[0].drive =
-        PropulsionDrive::Cia402 { drive: Cia402 { keys, sheet: None }, circumference: CIRCUMFERENCE };
+        PropulsionDrive::Cia402 { drive: Cia402 { keys, ..without_sheet() }, circumference: CIRCUMFERENCE };
     assert!(matches!(Canbus::new(without).err(), Some(ConfigError::NoSheet(Axis::Propulsion))));
+}
+
+/// A drive that permits less than the limits demand would bound the speed in silence.
+#[test]
+fn the_speed_that_a_drive_permits_its_motor_is_compared_at_each_boot_up_or_written() {
+    let permits = |rpm| {
+        let stored = Entry::new(0x6080, 0, DataType::U32, Access::ReadWrite, rpm);
+        Eds::parse(EPOS4).unwrap().dictionary(1).with(&[stored])
+    };
+    let boots = |robot: &mut Robot| {
+        robot.pass(3000);
+        let refused = robot.errors.iter().any(|(fault, _)| *fault == Fault::DriveMismatch);
+        (robot.motion().homed, refused)
+    };
+    // 1.2 m/s, 26 turns of the motor in 0.6283 m: 2979.5 rpm.
+    let mut slow = Robot::with(permits(2979), by_sheets());
+    assert_eq!(boots(&mut slow), (false, true));
+    let words = "permits 2979 rpm of its motor (0x6080), the limits of the robot demand 2980 rpm";
+    assert!(slow.reason().contains(words), "{}", slow.reason());
+    assert_eq!(boots(&mut Robot::with(permits(2980), by_sheets())), (true, false));
+
+    let mut config = by_sheets();
+    let PropulsionDrive::Cia402 { drive, .. } = &mut config.wheels[0].drive else { panic!() };
+    drive.motor_rpm_max = Some(3000.7);
+    let mut written = Robot::with(permits(1300), config);
+    assert_eq!(boots(&mut written), (true, false));
+    assert_eq!(written.epos.node.get(0x6080, 0), Some(3000));
+    // It is read back like the ramps.
+    written.epos.node.set(0x6080, 0, 100);
+    written.pass(11_000);
+    assert_eq!(written.epos.node.get(0x6080, 0), Some(3000));
 }

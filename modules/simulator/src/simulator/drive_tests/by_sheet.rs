@@ -400,3 +400,25 @@ fn current_torque_and_temperature_are_in_the_objects_and_units_of_sheet_and_manu
     bus.pass(60_000);
     assert!(bus.get(1, 0x3201, 1) >= cold, "{cold}");
 }
+
+#[test]
+fn a_motor_turns_no_faster_than_its_object_permits_and_one_without_a_value_is_not_bounded() {
+    let mut bus = Bus::driving(wheel(EPOS4), 1.0);
+    assert!((bus.get(1, 0x606C, 0) - RPM).abs() <= 1);
+    bus.write(1, 0x6080, 0, 32, 1000);
+    bus.pass(1500);
+    assert!((bus.get(1, 0x606C, 0) - 1000).abs() <= 1, "{}", bus.get(1, 0x606C, 0));
+    bus.write(1, 0x6080, 0, 32, 3000);
+    bus.pass(1500);
+    assert!((bus.get(1, 0x606C, 0) - RPM).abs() <= 1, "{}", bus.get(1, 0x606C, 0));
+
+    let open = String::from_utf8_lossy(EPOS4).replace("[6080]\r\n", "[6080]\n");
+    let begin = open.find("[6080]\n").unwrap();
+    let end = begin + open[begin + 1..].find("\n[").unwrap() + 1;
+    let stated = ["DefaultValue=", "ParameterValue="];
+    let section = open[begin..end].lines().filter(|line| !stated.iter().any(|key| line.starts_with(key)));
+    let section: String = section.map(|line| line.to_owned() + "\n").collect();
+    let open = open[..begin].to_owned() + &section + &open[end..];
+    let mut bus = Bus::driving(wheel(open.as_bytes()), 1.0);
+    assert!((bus.get(1, 0x606C, 0) - RPM).abs() <= 1, "{}", bus.get(1, 0x606C, 0));
+}
