@@ -8,8 +8,11 @@ use super::controllers::{Controller, Kind};
 use super::scan::{Asked, Row};
 use super::target::{Target, Where};
 use crate::{Common, Failed, Outcome, print};
+use base::Duration;
 use canopen::axis::modes::Mode;
-use canopen::drives::derive::{Derived, Description, Limits, Quirks, Reason, Refusal, VelocityUnit, derive};
+use canopen::drives::derive::{
+    Derived, Description, Limits, Quirks, Reason, Refusal, VelocityUnit, derive, velocity_mode,
+};
 use canopen::drives::{epos, icla};
 use canopen::eds::Eds;
 use canopen::master::Expect;
@@ -60,6 +63,8 @@ const REMARK: usize = 31;
 /// A usual wheel: its circumference, m, and motion, for values that a sheet may not take.
 const WHEEL_M: f64 = 0.5;
 const LIMITS: Limits = Limits { velocity: 0.5, acceleration: 0.5, deceleration: 0.5, quick_stop: 1.0 };
+/// Period of velocities on a bus without SYNC.
+const SETPOINTS: Duration = Duration::from_millis(20);
 /// A usual steering: position counts per turn of the motor, and its end, rad.
 const COUNTS: u32 = 4096;
 const STEERING_RAD: f64 = 0.8;
@@ -311,7 +316,7 @@ struct Tried {
 
 impl Tried {
     fn of(eds: &Eds, node: u8, steers: bool) -> Result<Self, Refusal> {
-        let mode = if steers { Mode::ProfilePosition } else { Mode::ProfileVelocity };
+        let mode = if steers { Mode::ProfilePosition } else { velocity_mode(eds, node) };
         let description = |second_way, (unit, counts, gear): Way| Description {
             mode,
             per_turn: if steers { TAU } else { WHEEL_M },
@@ -322,6 +327,7 @@ impl Tried {
             range: steers.then_some([-STEERING_RAD, STEERING_RAD]),
             homing: None,
             sync: None,
+            setpoints: Some(SETPOINTS),
             master: 127,
             torque: false,
             second_way,

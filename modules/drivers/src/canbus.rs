@@ -36,6 +36,7 @@ mod objection;
 mod odrive;
 mod pause;
 mod propulsion;
+mod ramp;
 mod readback;
 mod reference;
 mod release;

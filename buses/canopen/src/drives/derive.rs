@@ -125,6 +125,13 @@ pub fn derive(eds: &Eds, node: u8, description: &Description) -> Result<Derived,
     })
 }
 
+/// The mode in which a wheel is driven by this sheet if nobody says it: profile velocity, unless the drive offers only
+/// cyclic synchronous velocity.
+#[must_use]
+pub fn velocity_mode(eds: &Eds, node: u8) -> Mode {
+    modes::of_velocity(Sheet { eds, node: node.clamp(1, 127) })
+}
+
 /// True if set-points of this mode are positions.
 const fn objects_are_positions(mode: Mode) -> bool {
     matches!(mode, Mode::ProfilePosition | Mode::CyclicPosition)

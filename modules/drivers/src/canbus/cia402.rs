@@ -1,10 +1,10 @@
 //! A drive of CiA 402 by its data sheet: from the keys of the configuration to what the drive must be.
 
 use super::config::{ConfigError, SecondWay, Stop, check_method};
-use super::{Axis, Config};
+use super::{Axis, Config, ramp};
 use base::Duration;
 use canopen::axis::modes::Mode;
-use canopen::drives::derive::{self, Derived, Description, Limits, Quirks, derive};
+use canopen::drives::derive::{self, Derived, Description, Limits, Quirks, derive, velocity_mode};
 use canopen::drives::motor::{Own, Unit};
 use canopen::eds::Eds;
 use canopen::master::Expect;
@@ -20,6 +20,9 @@ settings! {
         gear: Option<f64> = optional, -10_000.0..=10_000.0;
         /// Position counts per turn of the motor. Absent: 0x6092, or 0x608F.
         counts_per_turn: Option<u32> = optional, 1..=1_000_000_000;
+        /// Mode of operation of a wheel. Absent: profile velocity, where the drive offers it (0x6502), else cyclic
+        /// synchronous velocity.
+        mode: Option<WheelMode> = optional;
         /// Unit of the drive's velocities; of its ramps, per second. `"stated"`: by the data sheet, which has 0x60A9;
         /// or counts/s, where it has 0x608F or 0x6092.
         velocity_unit: VelocityUnit = VelocityUnit::Stated;
@@ -72,6 +75,18 @@ settings! {
         MilliRpm = "0.001 rpm",
         /// Position counts per second.
         CountsPerSecond = "counts/s",
+    }
+}
+
+settings! {
+    /// Mode of operation of a wheel.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum WheelMode {
+        /// The drive accelerates by its own ramps.
+        Profile = "profile velocity",
+        /// This computer makes the ramps, a set-point for each SYNC (`sync_s`, at most 0.02), else each 20 ms. A quick
+        /// stop is the drive's own all the same.
+        Cyclic = "cyclic synchronous velocity",
     }
 }
 
@@ -147,6 +162,9 @@ impl Cia402Config {
             table.refuse_missing("eds", "the data sheet of the drive");
         }
         if axis == Axis::Steering {
+            if self.mode.is_some() {
+                table.refuse("mode", "nothing: a steering is driven in profile position");
+            }
             if !table.has("switch_rad") {
                 table.refuse_missing("switch_rad", "the angle at which the homing switch closes");
             }
@@ -216,6 +234,15 @@ impl VelocityUnit {
 }
 
 impl Cia402 {
+    /// The mode in which a wheel is driven.
+    pub(super) fn wheel_mode(&self, node: u8) -> Mode {
+        match (self.keys.mode, self.sheet.as_deref()) {
+            (Some(WheelMode::Cyclic), _) => Mode::CyclicVelocity,
+            (None, Some(sheet)) => velocity_mode(sheet, node),
+            (Some(WheelMode::Profile), _) | (None, None) => Mode::ProfileVelocity,
+        }
+    }
+
     /// The drive of an axis.
     pub(super) fn derive(&self, wanted: &Wanted, config: &Config) -> Result<Derived, ConfigError> {
         let axis = wanted.axis;
@@ -231,6 +258,7 @@ impl Cia402 {
             range: wanted.range,
             homing: homes.then_some(self.keys.homing_method),
             sync: config.sync,
+            setpoints: Some(ramp::PERIOD),
             master: config.node_id,
             torque: wanted.torque,
             second_way: has_second_way(&config.stop, config.has_pause_line),

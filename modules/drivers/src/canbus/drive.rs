@@ -717,6 +717,11 @@ impl Drive {
         }
     }
 
+    /// The next command is sent although it is the last one: the drive awaits one each period.
+    pub(super) fn send_again(&mut self) {
+        self.sent = None;
+    }
+
     /// Quick stop of a drive that is not booted, by the PDO `rpdo` and its `data`. It may still carry out its
     /// last command: after a restart of this module, or a bus failure shorter than the drive's timeout, it receives our
     /// heartbeat again. To be called after every event, and sent before all other frames: a reset of its communication

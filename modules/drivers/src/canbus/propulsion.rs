@@ -257,7 +257,7 @@ impl Propulsion {
             self.on_lost();
         }
         match &mut self.motor {
-            Motor::Canopen(servo) => servo.advance(now, goal, self.cut, master, out),
+            Motor::Canopen(servo) => servo.advance(now, (goal, self.cut), self.speed, master, out),
             Motor::Controller(controller) => controller.advance(now, goal, self.speed, out),
         }
     }
@@ -269,7 +269,7 @@ impl Propulsion {
 
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
         let of_motor = match &self.motor {
-            Motor::Canopen(servo) => servo.drive.poll_timeout(),
+            Motor::Canopen(servo) => servo.poll_timeout(),
             Motor::Controller(controller) => controller.poll_timeout(),
         };
         earliest([of_motor, self.watch.unwatched])

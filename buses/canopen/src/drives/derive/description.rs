@@ -77,6 +77,8 @@ pub struct Description {
     pub homing: Option<i8>,
     /// Period of SYNC.
     pub sync: Option<Duration>,
+    /// Period of the set-points in cyclic synchronous velocity on a bus without SYNC; absent: that mode needs SYNC.
+    pub setpoints: Option<Duration>,
     /// Node id of the master.
     pub master: u8,
     /// True if the torque is wanted in a TPDO, where the drive can send it: wheels can work against each other.

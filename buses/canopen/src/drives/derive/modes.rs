@@ -1,5 +1,6 @@
 //! What a drive can do: its modes, and its homing.
 
+use super::description::Description;
 use super::draft::Draft;
 use super::refusal::{Reason, Refusal};
 use super::sheet::Sheet;
@@ -7,6 +8,10 @@ use crate::axis::modes::Mode;
 use crate::axis::modes::cyclic::interpolation_period;
 use crate::dictionary::DataType;
 use alloc::vec::Vec;
+use base::Duration;
+
+/// Longest period of SYNC at which velocities are commanded.
+const SYNC_MAX: Duration = Duration::from_millis(20);
 
 /// Modes of a drive in the form of 0x6502, as its sheet states them, else by the objects that it has; true if stated.
 pub(super) fn offered(sheet: Sheet<'_>) -> (u32, bool) {
@@ -57,16 +62,39 @@ pub(super) fn mode(draft: &mut Draft<'_>) -> Result<(u32, u32), Refusal> {
     Ok((target, value))
 }
 
-/// The period of set-points at SYNC, for the modes that have one.
+/// The mode in which a wheel is driven if nobody says it: profile velocity, else cyclic synchronous velocity where the
+/// drive offers that.
+pub(super) fn of_velocity(sheet: Sheet<'_>) -> Mode {
+    let (offered, _) = offered(sheet);
+    let cyclic = !Mode::ProfileVelocity.is_supported(offered) && Mode::CyclicVelocity.is_supported(offered);
+    if cyclic { Mode::CyclicVelocity } else { Mode::ProfileVelocity }
+}
+
+/// The period of set-points, for the modes that have one. A velocity may come without SYNC, at a period of its own; a
+/// command that waits for a slow SYNC would stop the drive late.
 pub(super) fn period(draft: &mut Draft<'_>) -> Result<(), Refusal> {
-    if !matches!(draft.description.mode, Mode::CyclicVelocity | Mode::CyclicPosition) {
-        return Ok(());
+    let Description { mode, sync, setpoints, .. } = *draft.description;
+    let period = match mode {
+        Mode::CyclicPosition => sync,
+        Mode::CyclicVelocity => sync.or(setpoints),
+        _ => return Ok(()),
+    };
+    if let Some(slow) = sync.filter(|sync| mode == Mode::CyclicVelocity && *sync > SYNC_MAX) {
+        let micros = |period: Duration| (period.as_nanos() / 1000) as i64;
+        let reason = Reason::OutOfLimits { value: micros(slow), low: 1000, high: micros(SYNC_MAX) };
+        return Err(Refusal::new(0x1006, 0, reason));
     }
-    let period = draft.description.sync.and_then(interpolation_period);
+    let period = period.and_then(|period| whole_millis(period).or_else(|| interpolation_period(period)));
     let (mantissa, exponent) = period.ok_or(Refusal::new(0x1006, 0, Reason::NoSync))?;
     draft.set_where_there(0x60C2, 1, mantissa.into());
     draft.set_where_there(0x60C2, 2, exponent.into());
     Ok(())
+}
+
+/// A period in ms, the exponent that most drives have, where it can be had so.
+fn whole_millis(period: Duration) -> Option<(u8, i8)> {
+    let millis = u8::try_from(period.as_millis()).ok().filter(|millis| *millis > 0)?;
+    (Duration::from_millis(millis.into()) == period).then_some((millis, -3))
 }
 
 /// The homing methods that the sheet lists (0x60E3); `None`: it lists none.

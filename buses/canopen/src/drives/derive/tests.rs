@@ -27,6 +27,7 @@ fn wheel() -> Description {
         range: None,
         homing: None,
         sync: None,
+        setpoints: None,
         master: 127,
         torque: false,
         second_way: false,
@@ -513,4 +514,49 @@ fn the_greatest_speed_of_the_motor_is_compared_or_written() {
     assert_eq!((compared(&fixed).map(|own| own.min), written(&fixed, 0x6080, 0)), (Some(2400), None));
     assert_eq!(compared(&derived(&with_motor("wo"), &given(None)(20.0)).unwrap()), None);
     assert_eq!(compared(&derived(GENERIC, &given(None)(20.0)).unwrap()), None);
+}
+
+#[test]
+fn a_velocity_may_be_commanded_in_a_period_with_sync_or_without() {
+    // It has modes 1, 3, 6 and 8; then 9 in place of 3.
+    let only_cyclic = with(GENERIC, "6502", "DefaultValue", "0x1A1");
+    let mode = |text: &str| velocity_mode(&read(text), NODE);
+    assert_eq!([mode(GENERIC), mode(&only_cyclic)], [Mode::ProfileVelocity, Mode::CyclicVelocity]);
+    let both = with(GENERIC, "6502", "DefaultValue", "0x1A5");
+    assert_eq!(mode(&both), Mode::ProfileVelocity);
+    // One that has neither is refused in the usual mode.
+    assert_eq!(mode(&with(GENERIC, "6502", "DefaultValue", "0x21")), Mode::ProfileVelocity);
+
+    let ms = Duration::from_millis;
+    let cyclic = |sync, setpoints| Description { mode: Mode::CyclicVelocity, sync, setpoints, ..wheel() };
+    let kinds = |derived: &Derived| {
+        let node = derived.table.node_config("drive", &derived.parameters);
+        node.mappings.iter().map(|pdo| pdo.kind).collect::<Vec<_>>()
+    };
+    let own = derived(&only_cyclic, &cyclic(None, Some(ms(20)))).unwrap();
+    assert_eq!((kinds(&own), written(&own, 0x6060, 0)), ([255, 255].into(), Some(9)));
+    assert!(own.table.identity.contains(&Mode::expect(&[Mode::CyclicVelocity])));
+    let at_sync = derived(&only_cyclic, &cyclic(Some(ms(10)), Some(ms(20)))).unwrap();
+    assert_eq!(kinds(&at_sync), [1, 1]);
+    // One that takes no other than a PDO at an event gets that.
+    let events = with(&only_cyclic, "1403sub2", "LowLimit", "254");
+    assert_eq!(kinds(&derived(&events, &cyclic(Some(ms(10)), None)).unwrap()), [255, 1]);
+
+    // A stop must not wait for a slow SYNC.
+    let reason = Reason::OutOfLimits { value: 20_001, low: 1000, high: 20_000 };
+    let refusal = derived(&only_cyclic, &cyclic(Some(Duration::from_micros(20_001)), None)).unwrap_err();
+    assert_eq!(refusal, Refusal { index: 0x1006, sub: 0, reason });
+    let refusal = derived(&only_cyclic, &cyclic(None, None)).unwrap_err();
+    assert_eq!(refusal, Refusal { index: 0x1006, sub: 0, reason: Reason::NoSync });
+
+    // The period is written in ms, where it is that.
+    let periods = "\n[60C2]\nParameterName=x\nObjectType=9\nSubNumber=3\n".to_string()
+        + "[60C2sub1]\nParameterName=x\nObjectType=7\nDataType=5\nAccessType=rw\n"
+        + "[60C2sub2]\nParameterName=x\nObjectType=7\nDataType=2\nAccessType=rw\n";
+    let with_periods = without(&only_cyclic, "60C2") + &periods;
+    for (sync, expected) in [(Some(ms(10)), (10, 0xFD)), (None, (20, 0xFD)), (Some(ms(5) / 2), (25, 0xFC))] {
+        let derived = derived(&with_periods, &cyclic(sync, Some(ms(20)))).unwrap();
+        let parts = [1, 2].map(|sub| written(&derived, 0x60C2, sub));
+        assert_eq!(parts, [Some(expected.0), Some(expected.1)], "{sync:?}");
+    }
 }
