@@ -18,6 +18,7 @@ pub mod surroundings;
 
 mod agreement;
 mod body;
+mod brake;
 mod bus;
 mod cia402;
 mod config;
@@ -51,7 +52,7 @@ mod tests;
 mod vesc;
 mod wheels;
 
-pub use cia402::{Cia402, Cia402Config, VelocityUnit};
+pub use cia402::{BrakeControl, Cia402, Cia402Config, VelocityUnit, WheelMode};
 pub use config::{
     Axis, BusConfig, Config, ConfigError, Drive, EposConfig, HomingRelease, IclaConfig, Node, PauseStop,
     PropulsionConfig, PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, Stop, StopInput, UnbrakedStop,
@@ -659,9 +660,11 @@ impl Canbus {
             || self.inputs.on_sdo(ticket, result.ok(), &mut self.around.pause)
             || self.devices.on_sdo(now, ticket, result, &mut self.around.pause, out)
             || self.on_read_back(now, ticket, result.ok(), out)
-            || self
-                .drives_mut()
-                .any(|drive| drive.on_mode(now, ticket, result) || drive.on_motor(now, ticket, result, out))
+            || self.drives_mut().any(|drive| {
+                drive.on_mode(now, ticket, result)
+                    || drive.on_brake(now, ticket, result)
+                    || drive.on_motor(now, ticket, result, out)
+            })
         {
             return;
         }

@@ -132,6 +132,21 @@ pub fn velocity_mode(eds: &Eds, node: u8) -> Mode {
     modes::of_velocity(Sheet { eds, node: node.clamp(1, 127) })
 }
 
+/// The output of a holding brake, bit 0 of 0x60FE:1, can be switched and read back; true if it has a mask, 0x60FE:2.
+///
+/// # Errors
+/// The output is missing, is no number of 32 bits, or cannot be written.
+pub fn brake_output(eds: &Eds) -> Result<bool, Refusal> {
+    let sheet = Sheet { eds, node: 1 };
+    let switched = |sub| {
+        let object = sheet.typed(0x60FE, sub, DataType::U32)?;
+        let switched = object.access.writes() && object.access.reads();
+        if switched { Ok(()) } else { Err(Refusal::new(0x60FE, sub, Reason::NotWritable)) }
+    };
+    switched(1)?;
+    if eds.object(0x60FE, 2).is_some() { switched(2).map(|()| true) } else { Ok(false) }
+}
+
 /// True if set-points of this mode are positions.
 const fn objects_are_positions(mode: Mode) -> bool {
     matches!(mode, Mode::ProfilePosition | Mode::CyclicPosition)

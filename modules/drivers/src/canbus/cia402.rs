@@ -1,10 +1,11 @@
 //! A drive of CiA 402 by its data sheet: from the keys of the configuration to what the drive must be.
 
+use super::brake::Brake;
 use super::config::{ConfigError, SecondWay, Stop, check_method};
 use super::{Axis, Config, ramp};
 use base::Duration;
 use canopen::axis::modes::Mode;
-use canopen::drives::derive::{self, Derived, Description, Limits, Quirks, derive, velocity_mode};
+use canopen::drives::derive::{self, Derived, Description, Limits, Quirks, brake_output, derive, velocity_mode};
 use canopen::drives::motor::{Own, Unit};
 use canopen::eds::Eds;
 use canopen::master::Expect;
@@ -23,6 +24,10 @@ settings! {
         /// Mode of operation of a wheel. Absent: profile velocity, where the drive offers it (0x6502), else cyclic
         /// synchronous velocity.
         mode: Option<WheelMode> = optional;
+        /// Who switches the holding brake of a wheel.
+        brake: BrakeControl = BrakeControl::Drive;
+        /// From the brake's output to the wheel that turns freely; until then set-points are 0. With `brake = "output"`.
+        brake_release_s as brake_release: Duration = 0.2, 0.0..=5.0;
         /// Unit of the drive's velocities; of its ramps, per second. `"stated"`: by the data sheet, which has 0x60A9;
         /// or counts/s, where it has 0x608F or 0x6092.
         velocity_unit: VelocityUnit = VelocityUnit::Stated;
@@ -87,6 +92,18 @@ settings! {
         /// This computer makes the ramps, a set-point for each SYNC (`sync_s`, at most 0.02), else each 20 ms. A quick
         /// stop is the drive's own all the same.
         Cyclic = "cyclic synchronous velocity",
+    }
+}
+
+settings! {
+    /// Who switches a holding brake.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum BrakeControl {
+        /// The drive itself, or there is none: nothing is written.
+        Drive = "drive",
+        /// This driver, by the brake output of the drive, bit 0 of 0x60FE:1: released after the drive was enabled, set
+        /// when the wheel stands and its drive is off or is to be.
+        Output = "output",
     }
 }
 
@@ -162,6 +179,9 @@ impl Cia402Config {
             table.refuse_missing("eds", "the data sheet of the drive");
         }
         if axis == Axis::Steering {
+            if self.brake == BrakeControl::Output {
+                table.refuse("brake", "\"drive\": the output of a steering is not switched");
+            }
             if self.mode.is_some() {
                 table.refuse("mode", "nothing: a steering is driven in profile position");
             }
@@ -241,6 +261,14 @@ impl Cia402 {
             (None, Some(sheet)) => velocity_mode(sheet, node),
             (Some(WheelMode::Profile), _) | (None, None) => Mode::ProfileVelocity,
         }
+    }
+
+    /// The holding brake of a wheel, if this driver switches it.
+    pub(super) fn brake(&self, axis: Axis, node: u8) -> Result<Option<Brake>, ConfigError> {
+        let sheet = self.sheet.as_deref().filter(|_| self.keys.brake == BrakeControl::Output);
+        let Some(sheet) = sheet else { return Ok(None) };
+        let has_mask = brake_output(sheet).map_err(|refusal| ConfigError::Drive { axis, refusal })?;
+        Ok(Some(Brake::new(node, has_mask, self.keys.brake_release)))
     }
 
     /// The drive of an axis.

@@ -215,10 +215,15 @@ impl Propulsion {
         is_powered && (self.speed.is_nan() || self.speed.abs() >= STANDSTILL_MPS)
     }
 
-    /// Drives at `speed`, m/s.
+    /// True if no brake holds it, as far as this driver switches it.
+    fn is_free(&self) -> bool {
+        self.servo().is_none_or(|servo| servo.drive.is_free())
+    }
+
+    /// Drives at `speed`, m/s, as soon as its brake is released.
     pub(super) fn drive(&mut self, speed: f64) {
         self.goal = Goal::Enabled;
-        self.set_target(speed);
+        self.set_target(if self.is_free() { speed } else { 0.0 });
     }
 
     /// Stops by the quick stop ramp and stays stopped.
@@ -300,7 +305,7 @@ impl Propulsion {
 
     pub(super) fn is_enabled(&self) -> bool {
         match &self.motor {
-            Motor::Canopen(servo) => servo.drive.axis.is_enabled(),
+            Motor::Canopen(servo) => servo.drive.axis.is_enabled() && servo.drive.is_free(),
             Motor::Controller(controller) => controller.is_enabled(),
         }
     }

@@ -49,6 +49,7 @@ impl Servo {
     /// `None`: the drive is no CANopen node.
     pub(super) fn new(own: &PropulsionConfig, config: &Config) -> Result<Option<Self>, ConfigError> {
         let limits = &config.limits;
+        let mut brake = None;
         let (table, parameters, units, turns, reservations) = match &own.drive {
             PropulsionDrive::Epos { rpm_per_mps } => {
                 let (parameters, units) = epos(own.node, *rpm_per_mps, limits);
@@ -61,6 +62,7 @@ impl Servo {
                 (epos::TABLE.clone(), parameters, units, 0.0, Vec::new())
             }
             PropulsionDrive::Cia402 { drive, circumference } => {
+                brake = drive.brake(own.axis, own.node)?;
                 let wanted = Wanted {
                     axis: own.axis,
                     node: own.node,
@@ -80,7 +82,7 @@ impl Servo {
             }
             PropulsionDrive::Controller(_) | PropulsionDrive::OnLine { .. } => return Ok(None),
         };
-        let drive = Drive::new(own.axis.name(), own.node, &table, reservations);
+        let drive = Drive::new(own.axis.name(), own.node, &table, reservations).with_brake(brake);
         let cyclic = table.mode == Mode::CyclicVelocity;
         let ramp = cyclic.then(|| Ramp::new(config.sync, limits.acceleration_mps2, limits.deceleration_mps2));
         Ok(Some(Self { drive, table, parameters, units, turns, target: 0, ramp, torque: None }))
@@ -137,6 +139,9 @@ impl Servo {
         master: &mut Master,
         out: &mut Actions,
     ) {
+        let stands = speed.abs() < STANDSTILL_MPS && self.drive.is_known(now);
+        self.drive.advance_brake(now, goal, stands, master, out);
+        let goal = if cut { goal } else { self.drive.held_until_braked(goal) };
         self.drive.set_goal(now, goal);
         self.drive.handle_timeout(now, out);
         self.drive.expect_mode(now, Some(self.table.mode.code()), master);

@@ -31,6 +31,7 @@ fn wheel(sheet: &[u8]) -> Cia402Config {
         current: None,
         temperature: None,
         homed: 0,
+        brake: false,
     }
 }
 
@@ -421,4 +422,28 @@ fn a_motor_turns_no_faster_than_its_object_permits_and_one_without_a_value_is_no
     let open = open[..begin].to_owned() + &section + &open[end..];
     let mut bus = Bus::driving(wheel(open.as_bytes()), 1.0);
     assert!((bus.get(1, 0x606C, 0) - RPM).abs() <= 1, "{}", bus.get(1, 0x606C, 0));
+}
+
+#[test]
+fn a_brake_holds_its_wheel_against_the_motor_and_without_it() {
+    // The sheet has no mask: the output is the master's.
+    let braked = Cia402Config { brake: true, ..wheel(EPOS4) };
+    let mut bus = Bus::driving(braked, 1.0);
+    let stands = |bus: &mut Bus| bus.get(1, 0x606C, 0).abs() <= 1;
+    assert!((bus.get(1, 0x606C, 0) - RPM).abs() <= 1, "released by 0");
+    bus.write(1, 0x60FE, 1, 32, 1);
+    bus.pass(1500);
+    assert!(stands(&mut bus) && bus.status(1) & 0x6F == 0x27, "{:04X}", bus.status(1));
+    bus.write(1, 0x60FE, 1, 32, 0);
+    bus.pass(1500);
+    assert!(!stands(&mut bus));
+    // Without the motors' feed a spring applies it.
+    bus.write(5, 0x6200, 1, 8, 0);
+    bus.pass(1500);
+    assert!(stands(&mut bus));
+    // Another drive has no brake on that output.
+    let mut bus = Bus::driving(wheel(EPOS4), 1.0);
+    bus.write(1, 0x60FE, 1, 32, 1);
+    bus.pass(1500);
+    assert!((bus.get(1, 0x606C, 0) - RPM).abs() <= 1);
 }
