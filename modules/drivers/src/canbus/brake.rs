@@ -6,7 +6,7 @@
 //!           set-points other than 0. At the end the wheel stands, the brake is set, that is read back; then the motor
 //!           has no torque
 //! Unknown   a brake that was not read back as released is not: its wheel is not moved
-//! Output    bit 0 of 0x60FE:1 sets the brake; where there is a mask, 0x60FE:2, bit 0 of it says that the output counts.
+//! Output    bit 0 of 0x60FE:1 sets the brake; where there is a mask, 0x60FE:2, its bit 0 says that the output counts.
 //!           The output is written before the mask: a brake that is taken over from the drive does not change by that.
 //!           While the wheel turns without torque neither is written
 

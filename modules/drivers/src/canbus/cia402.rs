@@ -26,7 +26,7 @@ settings! {
         mode: Option<WheelMode> = optional;
         /// Who switches the holding brake of a wheel.
         brake: BrakeControl = BrakeControl::Drive;
-        /// From the brake's output to the wheel that turns freely; until then set-points are 0. With `brake = "output"`.
+        /// From the brake's output to the wheel that turns freely: until then set-points are 0.
         brake_release_s as brake_release: Duration = 0.2, 0.0..=5.0;
         /// Unit of the drive's velocities; of its ramps, per second. `"stated"`: by the data sheet, which has 0x60A9;
         /// or counts/s, where it has 0x608F or 0x6092.
