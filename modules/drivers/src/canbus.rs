@@ -52,7 +52,7 @@ mod tests;
 mod vesc;
 mod wheels;
 
-pub use cia402::{BrakeControl, Cia402, Cia402Config, VelocityUnit, WheelMode};
+pub use cia402::{BrakeControl, Cia402, Cia402Config, DriveMode, VelocityUnit};
 pub use config::{
     Axis, BusConfig, Config, ConfigError, Drive, EposConfig, HomingRelease, IclaConfig, Node, PauseStop,
     PropulsionConfig, PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, Stop, StopInput, UnbrakedStop,

@@ -132,6 +132,12 @@ pub fn velocity_mode(eds: &Eds, node: u8) -> Mode {
     modes::of_velocity(Sheet { eds, node: node.clamp(1, 127) })
 }
 
+/// The same of a steering: profile position, unless the drive offers only cyclic synchronous position.
+#[must_use]
+pub fn position_mode(eds: &Eds, node: u8) -> Mode {
+    modes::of_position(Sheet { eds, node: node.clamp(1, 127) })
+}
+
 /// The output of a holding brake, bit 0 of 0x60FE:1, can be switched and read back; true if it has a mask, 0x60FE:2.
 ///
 /// # Errors

@@ -5,7 +5,9 @@ use super::config::{ConfigError, SecondWay, Stop, check_method};
 use super::{Axis, Config, ramp};
 use base::Duration;
 use canopen::axis::modes::Mode;
-use canopen::drives::derive::{self, Derived, Description, Limits, Quirks, brake_output, derive, velocity_mode};
+use canopen::drives::derive::{
+    self, Derived, Description, Limits, Quirks, brake_output, derive, position_mode, velocity_mode,
+};
 use canopen::drives::motor::{Own, Unit};
 use canopen::eds::Eds;
 use canopen::master::Expect;
@@ -21,9 +23,9 @@ settings! {
         gear: Option<f64> = optional, -10_000.0..=10_000.0;
         /// Position counts per turn of the motor. Absent: 0x6092, or 0x608F.
         counts_per_turn: Option<u32> = optional, 1..=1_000_000_000;
-        /// Mode of operation of a wheel. Absent: profile velocity, where the drive offers it (0x6502), else cyclic
-        /// synchronous velocity.
-        mode: Option<WheelMode> = optional;
+        /// Mode of operation: of a wheel one of the velocity, of a steering one of the position. Absent: the profile
+        /// mode, where the drive offers it (0x6502), else the cyclic one.
+        mode: Option<DriveMode> = optional;
         /// Who switches the holding brake of a wheel.
         brake: BrakeControl = BrakeControl::Drive;
         /// From the brake's output to the wheel that turns freely: until then set-points are 0.
@@ -84,14 +86,34 @@ settings! {
 }
 
 settings! {
-    /// Mode of operation of a wheel.
+    /// Mode of operation of a drive.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    pub enum WheelMode {
+    pub enum DriveMode {
         /// The drive accelerates by its own ramps.
-        Profile = "profile velocity",
+        ProfileVelocity = "profile velocity",
         /// This computer makes the ramps, a set-point for each SYNC (`sync_s`, at most 0.02), else each 20 ms. A quick
         /// stop is the drive's own all the same.
-        Cyclic = "cyclic synchronous velocity",
+        CyclicVelocity = "cyclic synchronous velocity",
+        /// The drive moves by its own profile.
+        ProfilePosition = "profile position",
+        /// This computer makes the profile, a set-point for each SYNC (`sync_s`, at most 0.02). A quick stop is the
+        /// drive's own all the same.
+        CyclicPosition = "cyclic synchronous position",
+    }
+}
+
+impl DriveMode {
+    const fn mode(self) -> Mode {
+        match self {
+            Self::ProfileVelocity => Mode::ProfileVelocity,
+            Self::CyclicVelocity => Mode::CyclicVelocity,
+            Self::ProfilePosition => Mode::ProfilePosition,
+            Self::CyclicPosition => Mode::CyclicPosition,
+        }
+    }
+
+    const fn is_of_position(self) -> bool {
+        matches!(self, Self::ProfilePosition | Self::CyclicPosition)
     }
 }
 
@@ -178,12 +200,16 @@ impl Cia402Config {
         if !table.has("eds") {
             table.refuse_missing("eds", "the data sheet of the drive");
         }
+        let steers = axis == Axis::Steering;
+        if self.mode.is_some_and(|mode| mode.is_of_position() != steers) {
+            let kind = if steers { "position" } else { "velocity" };
+            let other = if steers { "a wheel" } else { "a steering" };
+            let expected = format!("\"profile {kind}\" or \"cyclic synchronous {kind}\": the others are of {other}");
+            table.refuse("mode", expected);
+        }
         if axis == Axis::Steering {
             if self.brake == BrakeControl::Output {
                 table.refuse("brake", "\"drive\": the output of a steering is not switched");
-            }
-            if self.mode.is_some() {
-                table.refuse("mode", "nothing: a steering is driven in profile position");
             }
             if !table.has("switch_rad") {
                 table.refuse_missing("switch_rad", "the angle at which the homing switch closes");
@@ -254,12 +280,15 @@ impl VelocityUnit {
 }
 
 impl Cia402 {
-    /// The mode in which a wheel is driven.
-    pub(super) fn wheel_mode(&self, node: u8) -> Mode {
+    /// The mode in which it is driven: of a wheel a velocity mode, of a steering a position mode.
+    pub(super) fn mode(&self, axis: Axis, node: u8) -> Mode {
+        let steers = axis == Axis::Steering;
         match (self.keys.mode, self.sheet.as_deref()) {
-            (Some(WheelMode::Cyclic), _) => Mode::CyclicVelocity,
+            (Some(mode), _) => mode.mode(),
+            (None, Some(sheet)) if steers => position_mode(sheet, node),
             (None, Some(sheet)) => velocity_mode(sheet, node),
-            (Some(WheelMode::Profile), _) | (None, None) => Mode::ProfileVelocity,
+            (None, None) if steers => Mode::ProfilePosition,
+            (None, None) => Mode::ProfileVelocity,
         }
     }
 

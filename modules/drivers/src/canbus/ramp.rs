@@ -1,5 +1,5 @@
-//! Set-points of a wheel whose drive has no ramp of its own (cyclic synchronous velocity): each differs from the one
-//! before by no more than the robot's limits permit in a period.
+//! Set-points of a drive that has no ramp of its own in its mode, cyclic synchronous velocity or position: each differs
+//! from the one before by no more than the robot's limits permit in a period.
 
 use base::{Duration, Instant, Ticker};
 
@@ -82,6 +82,70 @@ impl Ramp {
     }
 }
 
+/// The way of a steering whose drive has no profile of its own (cyclic synchronous position), in its counts: a
+/// set-point for each SYNC.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Glide {
+    period: Duration,
+    /// Counts/s.
+    speed: f64,
+    /// Counts/s², of the way's begin and its end.
+    acceleration: f64,
+    /// The time of the SYNC that was seen to be next.
+    seen: Option<Instant>,
+    target: Option<f64>,
+    /// Last set-point.
+    present: f64,
+    /// Counts/s.
+    velocity: f64,
+}
+
+impl Glide {
+    /// Of a drive that stands. `period`: of SYNC.
+    pub(super) fn new(period: Duration, speed: f64, acceleration: f64) -> Self {
+        Self { period, speed, acceleration, seen: None, target: None, present: 0.0, velocity: 0.0 }
+    }
+
+    /// The drive does not follow set-points: the way will begin here, without a target.
+    pub(super) fn begin(&mut self, position: i32) {
+        (self.seen, self.target, self.present, self.velocity) = (None, None, position.into(), 0.0);
+    }
+
+    /// A new target, which is kept.
+    pub(super) fn set(&mut self, target: i32) {
+        self.target = Some(target.into());
+    }
+
+    /// The drive is enabled: takes a step if a SYNC was sent. `sync`: when the next one is. True if a set-point is to be
+    /// sent, a new one or not.
+    pub(super) fn advance(&mut self, sync: Option<Instant>) -> bool {
+        let due = std::mem::replace(&mut self.seen, sync) != sync;
+        if due {
+            self.step();
+        }
+        due
+    }
+
+    /// The greatest speed from which it comes to a stand at the target, within the acceleration.
+    fn step(&mut self) {
+        let (dt, Some(target)) = (self.period.as_secs_f64(), self.target) else { return };
+        let (way, gain) = (target - self.present, self.acceleration * dt);
+        if way.abs() <= gain * dt && self.velocity.abs() <= gain {
+            (self.present, self.velocity) = (target, 0.0);
+            return;
+        }
+        let most = libm::sqrt(gain * gain + 2.0 * self.acceleration * way.abs()) - gain;
+        let wanted = most.min(self.speed).copysign(way);
+        self.velocity += (wanted - self.velocity).clamp(-gain, gain);
+        self.present += self.velocity * dt;
+    }
+
+    /// The set-point in force, counts.
+    pub(super) fn setpoint(&self) -> i32 {
+        self.present.round() as i32
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -133,5 +197,36 @@ mod tests {
         assert!((ramp.setpoint() - 0.31).abs() < 1e-12);
         ramp.begin(0.0);
         assert_eq!(ramp.setpoint(), 0.0);
+    }
+
+    #[test]
+    fn a_position_is_reached_within_speed_and_acceleration_from_any_motion() {
+        let mut glide = Glide::new(MS * 10, 1000.0, 10_000.0);
+        glide.begin(500);
+        let mut sync = Instant::ZERO;
+        let mut all = vec![500.0];
+        let mut to = |glide: &mut Glide, target, steps| {
+            glide.set(target);
+            for _ in 0..steps {
+                sync += MS * 10;
+                assert!(glide.advance(Some(sync)) && !glide.advance(Some(sync)));
+                all.push(glide.present);
+            }
+            glide.setpoint()
+        };
+        assert_eq!(to(&mut glide, 1500, 130), 1500);
+        // Turned round on the way, and stopped short.
+        let _ = to(&mut glide, 0, 40);
+        assert_eq!(to(&mut glide, 1400, 130), 1400);
+        assert_eq!(to(&mut glide, 1403, 10), 1403);
+        let speeds: Vec<f64> = all.windows(2).map(|two| (two[1] - two[0]) * 100.0).collect();
+        assert!(speeds.iter().all(|speed| speed.abs() <= 1000.0 + 1e-6), "{speeds:?}");
+        assert!(speeds.windows(2).all(|two| (two[1] - two[0]).abs() <= 200.0 + 1e-6), "{speeds:?}");
+        assert!(all.iter().all(|position| (0.0..=1500.0).contains(position)), "{all:?}");
+        // Without a target it stays.
+        glide.begin(-7);
+        sync += MS * 10;
+        assert!(glide.advance(Some(sync)));
+        assert_eq!(glide.setpoint(), -7);
     }
 }

@@ -66,7 +66,7 @@ impl Servo {
                 let wanted = Wanted {
                     axis: own.axis,
                     node: own.node,
-                    mode: drive.wheel_mode(own.node),
+                    mode: drive.mode(own.axis, own.node),
                     per_turn: *circumference,
                     limits: derive::Limits {
                         velocity: limits.speed_mps,

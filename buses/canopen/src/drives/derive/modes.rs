@@ -10,7 +10,7 @@ use crate::dictionary::DataType;
 use alloc::vec::Vec;
 use base::Duration;
 
-/// Longest period of SYNC at which velocities are commanded.
+/// Longest period of SYNC at which set-points are commanded.
 const SYNC_MAX: Duration = Duration::from_millis(20);
 
 /// Modes of a drive in the form of 0x6502, as its sheet states them, else by the objects that it has; true if stated.
@@ -65,9 +65,18 @@ pub(super) fn mode(draft: &mut Draft<'_>) -> Result<(u32, u32), Refusal> {
 /// The mode in which a wheel is driven if nobody says it: profile velocity, else cyclic synchronous velocity where the
 /// drive offers that.
 pub(super) fn of_velocity(sheet: Sheet<'_>) -> Mode {
+    first_of(sheet, Mode::ProfileVelocity, Mode::CyclicVelocity)
+}
+
+/// The same of a steering: profile position, else cyclic synchronous position.
+pub(super) fn of_position(sheet: Sheet<'_>) -> Mode {
+    first_of(sheet, Mode::ProfilePosition, Mode::CyclicPosition)
+}
+
+/// `usual`, unless only `other` is offered.
+fn first_of(sheet: Sheet<'_>, usual: Mode, other: Mode) -> Mode {
     let (offered, _) = offered(sheet);
-    let cyclic = !Mode::ProfileVelocity.is_supported(offered) && Mode::CyclicVelocity.is_supported(offered);
-    if cyclic { Mode::CyclicVelocity } else { Mode::ProfileVelocity }
+    if !usual.is_supported(offered) && other.is_supported(offered) { other } else { usual }
 }
 
 /// The period of set-points, for the modes that have one. A velocity may come without SYNC, at a period of its own; a
@@ -79,7 +88,7 @@ pub(super) fn period(draft: &mut Draft<'_>) -> Result<(), Refusal> {
         Mode::CyclicVelocity => sync.or(setpoints),
         _ => return Ok(()),
     };
-    if let Some(slow) = sync.filter(|sync| mode == Mode::CyclicVelocity && *sync > SYNC_MAX) {
+    if let Some(slow) = sync.filter(|sync| *sync > SYNC_MAX) {
         let micros = |period: Duration| (period.as_nanos() / 1000) as i64;
         let reason = Reason::OutOfLimits { value: micros(slow), low: 1000, high: micros(SYNC_MAX) };
         return Err(Refusal::new(0x1006, 0, reason));
