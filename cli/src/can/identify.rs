@@ -11,7 +11,7 @@ use crate::{Common, Failed, Outcome, print};
 use base::Duration;
 use canopen::axis::modes::Mode;
 use canopen::drives::derive::{
-    Derived, Description, Limits, Quirks, Reason, Refusal, VelocityUnit, derive, velocity_mode,
+    Derived, Description, Limits, Quirks, Reason, Refusal, VelocityUnit, derive, position_mode, velocity_mode,
 };
 use canopen::drives::{epos, icla};
 use canopen::eds::Eds;
@@ -65,6 +65,8 @@ const WHEEL_M: f64 = 0.5;
 const LIMITS: Limits = Limits { velocity: 0.5, acceleration: 0.5, deceleration: 0.5, quick_stop: 1.0 };
 /// Period of velocities on a bus without SYNC.
 const SETPOINTS: Duration = Duration::from_millis(20);
+/// Period of SYNC for a drive whose mode needs it.
+const SYNC: Duration = Duration::from_millis(10);
 /// A usual steering: position counts per turn of the motor, and its end, rad.
 const COUNTS: u32 = 4096;
 const STEERING_RAD: f64 = 0.8;
@@ -295,6 +297,9 @@ fn by_sheet(lines: &mut Lines<'_>, node: u8, axis: (&str, &str), sheet: &Sheet) 
     if axis.0 == STEERING {
         lines.steering();
     }
+    if derived.table.mode == Mode::CyclicPosition {
+        lines.remark("Needs SYNC: sync_s = 0.01, at most 0.02, in the table of the bus");
+    }
     for lacks in &derived.reservations {
         lines.remark(&format!(
             "Needs [stop] second_way, or its manual and stops_without: {}",
@@ -316,7 +321,7 @@ struct Tried {
 
 impl Tried {
     fn of(eds: &Eds, node: u8, steers: bool) -> Result<Self, Refusal> {
-        let mode = if steers { Mode::ProfilePosition } else { velocity_mode(eds, node) };
+        let mode = if steers { position_mode(eds, node) } else { velocity_mode(eds, node) };
         let description = |second_way, (unit, counts, gear): Way| Description {
             mode,
             per_turn: if steers { TAU } else { WHEEL_M },
@@ -326,7 +331,7 @@ impl Tried {
             limits: LIMITS,
             range: steers.then_some([-STEERING_RAD, STEERING_RAD]),
             homing: None,
-            sync: None,
+            sync: (mode == Mode::CyclicPosition).then_some(SYNC),
             setpoints: Some(SETPOINTS),
             master: 127,
             torque: false,
