@@ -192,8 +192,26 @@ fn a_steering_in_cyclic_synchronous_position_is_homed_steers_and_stops() {
         "gear = -180\ncounts_per_turn = 4096\nhoming_method = 23\nswitch_rad = -0.6283\nhoming_speed_radps = 0.1745\n\
          mode = \"cyclic synchronous position\"",
     );
-    let place = robot("cyclic-steering", [STATED[0], cyclic], &["can.main.sync_s=0.01"]);
-    let mut robot = started(&place);
+    steers_by_set_points(&robot("cyclic-steering", [STATED[0], cyclic], &["can.main.sync_s=0.01"]));
+}
+
+/// The same in the older mode, which is the only one of the position that the drive offers.
+#[test]
+fn a_steering_in_interpolated_position_is_homed_steers_and_stops() {
+    let place = robot("interpolated-steering", STATED, &["can.main.sync_s=0.01"]);
+    let sheet = place.config.join("steering.eds");
+    let text = std::fs::read_to_string(&sheet).expect("the sheet");
+    let modes = text.replace("DefaultValue=0x000000A5", "DefaultValue=0x00000064");
+    assert_ne!(modes, text);
+    let object = "\n[60C1]\nParameterName=Interpolation data\nObjectType=9\nSubNumber=2\n".to_owned()
+        + "[60C1sub0]\nParameterName=Highest sub-index\nObjectType=7\nDataType=5\nAccessType=const\nDefaultValue=1\n"
+        + "[60C1sub1]\nParameterName=Set-point\nObjectType=7\nDataType=4\nAccessType=rw\nPDOMapping=1\n";
+    std::fs::write(&sheet, modes + &object).expect("a file");
+    steers_by_set_points(&place);
+}
+
+fn steers_by_set_points(place: &RobotLocation) {
+    let mut robot = started(place);
     assert!(robot.motion().homed, "{}", robot.motion().reason);
     for (speed, steering) in [(0.4, 0.3), (-0.3, -0.3)] {
         robot.drive(speed, steering, 4.0);
@@ -204,7 +222,7 @@ fn a_steering_in_cyclic_synchronous_position_is_homed_steers_and_stops() {
         assert!((true_angle - steering).abs() < 0.006, "{true_angle} rad");
     }
     for name in ["silent", "fault"] {
-        let place = robot_with_speed(&place);
+        let place = robot_with_speed(place);
         let (way, seconds, speed) = stops::stands_after(&place, |robot| goes_on(robot, "steering", name, 5.0));
         println!("{name}: from {speed:.2} m/s: {way:.2} m, {seconds:.2} s");
         assert!(way <= 0.5, "{name}: {way:.2} m");

@@ -297,7 +297,7 @@ fn by_sheet(lines: &mut Lines<'_>, node: u8, axis: (&str, &str), sheet: &Sheet) 
     if axis.0 == STEERING {
         lines.steering();
     }
-    if derived.table.mode == Mode::CyclicPosition {
+    if matches!(derived.table.mode, Mode::CyclicPosition | Mode::Interpolated) {
         lines.remark("Needs SYNC: sync_s = 0.01, at most 0.02, in the table of the bus");
     }
     for lacks in &derived.reservations {
@@ -331,7 +331,7 @@ impl Tried {
             limits: LIMITS,
             range: steers.then_some([-STEERING_RAD, STEERING_RAD]),
             homing: None,
-            sync: (mode == Mode::CyclicPosition).then_some(SYNC),
+            sync: matches!(mode, Mode::CyclicPosition | Mode::Interpolated).then_some(SYNC),
             setpoints: Some(SETPOINTS),
             master: 127,
             torque: false,

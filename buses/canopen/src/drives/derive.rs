@@ -132,7 +132,7 @@ pub fn velocity_mode(eds: &Eds, node: u8) -> Mode {
     modes::of_velocity(Sheet { eds, node: node.clamp(1, 127) })
 }
 
-/// The same of a steering: profile position, unless the drive offers only cyclic synchronous position.
+/// The same of a steering: profile position, unless the drive offers only cyclic synchronous or interpolated position.
 #[must_use]
 pub fn position_mode(eds: &Eds, node: u8) -> Mode {
     modes::of_position(Sheet { eds, node: node.clamp(1, 127) })
@@ -155,7 +155,7 @@ pub fn brake_output(eds: &Eds) -> Result<bool, Refusal> {
 
 /// True if set-points of this mode are positions.
 const fn objects_are_positions(mode: Mode) -> bool {
-    matches!(mode, Mode::ProfilePosition | Mode::CyclicPosition)
+    matches!(mode, Mode::ProfilePosition | Mode::CyclicPosition | Mode::Interpolated)
 }
 
 /// A device without a profile in its sheet is one if it has a controlword.

@@ -99,6 +99,8 @@ settings! {
         /// This computer makes the profile, a set-point for each SYNC (`sync_s`, at most 0.02). A quick stop is the
         /// drive's own all the same.
         CyclicPosition = "cyclic synchronous position",
+        /// The same, in the older mode of CiA 402 for it.
+        Interpolated = "interpolated position",
     }
 }
 
@@ -109,11 +111,12 @@ impl DriveMode {
             Self::CyclicVelocity => Mode::CyclicVelocity,
             Self::ProfilePosition => Mode::ProfilePosition,
             Self::CyclicPosition => Mode::CyclicPosition,
+            Self::Interpolated => Mode::Interpolated,
         }
     }
 
     const fn is_of_position(self) -> bool {
-        matches!(self, Self::ProfilePosition | Self::CyclicPosition)
+        matches!(self, Self::ProfilePosition | Self::CyclicPosition | Self::Interpolated)
     }
 }
 
@@ -202,9 +205,7 @@ impl Cia402Config {
         }
         let steers = axis == Axis::Steering;
         if self.mode.is_some_and(|mode| mode.is_of_position() != steers) {
-            let kind = if steers { "position" } else { "velocity" };
-            let other = if steers { "a wheel" } else { "a steering" };
-            let expected = format!("\"profile {kind}\" or \"cyclic synchronous {kind}\": the others are of {other}");
+            let expected = if steers { "a mode of the position" } else { "a mode of the velocity" };
             table.refuse("mode", expected);
         }
         if axis == Axis::Steering {

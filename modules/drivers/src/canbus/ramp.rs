@@ -82,8 +82,8 @@ impl Ramp {
     }
 }
 
-/// The way of a steering whose drive has no profile of its own (cyclic synchronous position), in its counts: a
-/// set-point for each SYNC.
+/// The way of a steering whose drive has no profile of its own (cyclic synchronous and interpolated position), in its
+/// counts: a set-point for each SYNC.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Glide {
     period: Duration,
@@ -116,8 +116,8 @@ impl Glide {
         self.target = Some(target.into());
     }
 
-    /// The drive is enabled: takes a step if a SYNC was sent. `sync`: when the next one is. True if a set-point is to be
-    /// sent, a new one or not.
+    /// The drive is enabled: takes a step if a SYNC was sent. `sync`: when the next one is. True if a set-point is to
+    /// be sent, a new one or not.
     pub(super) fn advance(&mut self, sync: Option<Instant>) -> bool {
         let due = std::mem::replace(&mut self.seen, sync) != sync;
         if due {

@@ -11,7 +11,7 @@ use canopen::axis::modes::Mode;
 use canopen::axis::modes::hm::{Homing, HomingConfig, HomingError};
 use canopen::axis::modes::pp::{Setpoint, SetpointEvent};
 use canopen::axis::modes::switch::Access;
-use canopen::axis::{Goal, Rate, Reach, ReachConfig, Units};
+use canopen::axis::{Goal, Rate, Reach, ReachConfig, Units, control};
 use canopen::drives::cia402::{Parameters, Table};
 use canopen::drives::derive::{self, Refusal};
 use canopen::drives::icla;
@@ -136,7 +136,7 @@ impl Steering {
             SteeringDrive::Cia402(drive) => by_sheet(drive, own, config)?,
         };
         let speed = f64::from(units.position(own.speed)).abs();
-        let period = config.sync.filter(|_| table.mode == Mode::CyclicPosition);
+        let period = config.sync.filter(|_| matches!(table.mode, Mode::CyclicPosition | Mode::Interpolated));
         let glide = period.map(|period| Glide::new(period, speed, speed / RAMP_S));
         let stands_max = (!config.odometry).then_some(STANDS_MAX);
         let config = own.clone();
@@ -448,7 +448,8 @@ impl Steering {
         } else if self.homing.is_running() {
             self.table.pack(controlword | self.homing.controlword_bits(), position)
         } else if let Some(glide) = &self.glide {
-            self.table.pack(controlword, glide.setpoint())
+            let bits = if self.table.mode == Mode::Interpolated { control::ENABLE_IP } else { 0 };
+            self.table.pack(controlword | bits, glide.setpoint())
         } else {
             let (bits, target) = self.setpoint.command();
             self.table.pack(controlword | bits, target)

@@ -59,7 +59,8 @@ pub struct Quirks {
 /// An axis and its drive.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Description {
-    /// Mode in which it is driven: profile velocity or position, cyclic synchronous velocity or position.
+    /// Mode in which it is driven: profile velocity or position, cyclic synchronous velocity or position, interpolated
+    /// position.
     pub mode: Mode,
     /// What a turn of the output is: its circumference in m, or 2π rad.
     pub per_turn: f64,

@@ -35,6 +35,7 @@ pub(super) const fn objects(mode: Mode) -> Option<(u32, u32)> {
     match mode {
         Mode::ProfileVelocity | Mode::CyclicVelocity => Some((0x60FF_0020, 0x606C_0020)),
         Mode::ProfilePosition | Mode::CyclicPosition => Some((0x607A_0020, 0x6064_0020)),
+        Mode::Interpolated => Some((0x60C1_0120, 0x6064_0020)),
         _ => None,
     }
 }
@@ -57,7 +58,7 @@ pub(super) fn mode(draft: &mut Draft<'_>) -> Result<(u32, u32), Refusal> {
     sheet.typed(0x6041, 0, DataType::U16)?;
     sheet.typed(0x6061, 0, DataType::I8)?;
     for entry in [target, value] {
-        sheet.typed((entry >> 16) as u16, 0, DataType::I32)?;
+        sheet.typed((entry >> 16) as u16, (entry >> 8) as u8, DataType::I32)?;
     }
     Ok((target, value))
 }
@@ -65,18 +66,19 @@ pub(super) fn mode(draft: &mut Draft<'_>) -> Result<(u32, u32), Refusal> {
 /// The mode in which a wheel is driven if nobody says it: profile velocity, else cyclic synchronous velocity where the
 /// drive offers that.
 pub(super) fn of_velocity(sheet: Sheet<'_>) -> Mode {
-    first_of(sheet, Mode::ProfileVelocity, Mode::CyclicVelocity)
+    first_of(sheet, Mode::ProfileVelocity, &[Mode::CyclicVelocity])
 }
 
-/// The same of a steering: profile position, else cyclic synchronous position.
+/// The same of a steering: profile position, else cyclic synchronous or interpolated position.
 pub(super) fn of_position(sheet: Sheet<'_>) -> Mode {
-    first_of(sheet, Mode::ProfilePosition, Mode::CyclicPosition)
+    first_of(sheet, Mode::ProfilePosition, &[Mode::CyclicPosition, Mode::Interpolated])
 }
 
-/// `usual`, unless only `other` is offered.
-fn first_of(sheet: Sheet<'_>, usual: Mode, other: Mode) -> Mode {
+/// `usual`, unless only others are offered: then the first of them.
+fn first_of(sheet: Sheet<'_>, usual: Mode, others: &[Mode]) -> Mode {
     let (offered, _) = offered(sheet);
-    if !usual.is_supported(offered) && other.is_supported(offered) { other } else { usual }
+    let other = others.iter().copied().find(|mode| mode.is_supported(offered));
+    other.filter(|_| !usual.is_supported(offered)).unwrap_or(usual)
 }
 
 /// The period of set-points, for the modes that have one. A velocity may come without SYNC, at a period of its own; a
@@ -84,7 +86,7 @@ fn first_of(sheet: Sheet<'_>, usual: Mode, other: Mode) -> Mode {
 pub(super) fn period(draft: &mut Draft<'_>) -> Result<(), Refusal> {
     let Description { mode, sync, setpoints, .. } = *draft.description;
     let period = match mode {
-        Mode::CyclicPosition => sync,
+        Mode::CyclicPosition | Mode::Interpolated => sync,
         Mode::CyclicVelocity => sync.or(setpoints),
         _ => return Ok(()),
     };
@@ -95,6 +97,10 @@ pub(super) fn period(draft: &mut Draft<'_>) -> Result<(), Refusal> {
     }
     let period = period.and_then(|period| whole_millis(period).or_else(|| interpolation_period(period)));
     let (mantissa, exponent) = period.ok_or(Refusal::new(0x1006, 0, Reason::NoSync))?;
+    if mode == Mode::Interpolated {
+        // Along a line.
+        draft.set_where_there(0x60C0, 0, 0);
+    }
     draft.set_where_there(0x60C2, 1, mantissa.into());
     draft.set_where_there(0x60C2, 2, exponent.into());
     Ok(())

@@ -137,6 +137,7 @@ const fn name(index: u16) -> Option<&'static str> {
         0x6098 | 0x60E3 => "homing method",
         0x6099 => "homing speeds",
         0x60A9 => "unit of velocity",
+        0x60C1 => "interpolated position",
         0x60FE => "digital outputs",
         0x60FF => "target velocity",
         0x6502 => "supported modes",

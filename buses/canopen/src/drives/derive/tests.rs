@@ -8,7 +8,7 @@ use crate::pdo::INVALID;
 use ::testing::Random;
 use base::Duration;
 use std::string::{String, ToString};
-use std::{assert_eq, format};
+use std::{assert_eq, format, vec};
 
 const NODE: u8 = 5;
 const GENERIC: &str = include_str!("../../../eds/others/ros2_cia402_slave.eds");
@@ -559,4 +559,26 @@ fn a_velocity_may_be_commanded_in_a_period_with_sync_or_without() {
         let parts = [1, 2].map(|sub| written(&derived, 0x60C2, sub));
         assert_eq!(parts, [Some(expected.0), Some(expected.1)], "{sync:?}");
     }
+}
+
+#[test]
+fn a_position_may_be_interpolated() {
+    let objects = "\n[60C1]\nParameterName=x\nObjectType=9\nSubNumber=2\n".to_string()
+        + "[60C1sub1]\nParameterName=x\nObjectType=7\nDataType=4\nAccessType=rw\nPDOMapping=1\n"
+        + "[60C0]\nParameterName=x\nObjectType=7\nDataType=3\nAccessType=rw\n";
+    let text = with(&(GENERIC.to_string() + &objects), "6502", "DefaultValue", "0x64");
+    assert_eq!(position_mode(&read(&text), NODE), Mode::Interpolated);
+    let cyclic = with(&text, "6502", "DefaultValue", "0xE4");
+    assert_eq!(position_mode(&read(&cyclic), NODE), Mode::CyclicPosition);
+    assert_eq!(position_mode(&read(GENERIC), NODE), Mode::ProfilePosition);
+
+    let wanted = |sync| Description { mode: Mode::Interpolated, sync, ..steering() };
+    let own = derived(&text, &wanted(Some(Duration::from_millis(10)))).unwrap();
+    assert_eq!((own.table.rpdo.entries.to_vec(), own.table.rpdo.adjust), (vec![0x6040_0010, 0x60C1_0120], true));
+    assert_eq!((written(&own, 0x60C0, 0), written(&own, 0x6060, 0)), (Some(0), Some(7)));
+    assert_eq!(own.table.pack(0x1F, -2)[..], [0x1F, 0, 0xFE, 0xFF, 0xFF, 0xFF]);
+    let refusal = derived(&text, &wanted(None)).unwrap_err();
+    assert_eq!(refusal, Refusal { index: 0x1006, sub: 0, reason: Reason::NoSync });
+    let refusal = derived(&with(&text, "60C1sub1", "DataType", "3"), &wanted(None)).unwrap_err();
+    assert_eq!(refusal, Refusal { index: 0x60C1, sub: 1, reason: Reason::Type });
 }
