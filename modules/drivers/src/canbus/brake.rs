@@ -57,6 +57,8 @@ pub(super) struct Brake {
     release: Duration,
     /// It shall be released; absent until that is known.
     wanted: Option<bool>,
+    /// What the wheel did at the last call of [`Self::advance`].
+    wheel: Wheel,
     /// The output counts: the mask is as it must be.
     taken: bool,
     mask: u32,
@@ -84,6 +86,7 @@ impl Brake {
             has_mask,
             release,
             wanted: None,
+            wheel: Wheel::Other,
             taken: false,
             mask: 0,
             output: None,
@@ -114,6 +117,7 @@ impl Brake {
             *self = Self::new(self.node, self.has_mask, self.release);
             return false;
         }
+        self.wheel = wheel;
         let wanted = match wheel {
             Wheel::Moves => Some(true),
             Wheel::Rests => Some(false),
@@ -126,7 +130,7 @@ impl Brake {
             }
         }
         let is_so = wanted.is_none_or(|free| if free { self.released.is_some() } else { self.is_set() });
-        if is_so {
+        if is_so || wheel == Wheel::Other {
             self.late = None;
         } else if self.late.is_none() {
             self.late = Some(now + OBEYS);
@@ -145,6 +149,13 @@ impl Brake {
     }
 
     fn request(&mut self, now: Instant, master: &mut Master) {
+        if matches!(self.next, Access::WriteMask | Access::WriteOutput) {
+            if self.wheel == Wheel::Other {
+                // It was to be written after a pause, and the wheel has not waited.
+                return self.read_again(now + RETRY);
+            }
+            self.written = Some(now);
+        }
         let outputs = self.output.unwrap_or(0);
         let (node, index) = (self.node, OUTPUTS);
         let ticket = match self.next {
@@ -156,9 +167,6 @@ impl Brake {
                 master.sdo_write(now, node, index, PHYSICAL, value.to_le_bytes().as_slice())
             }
         };
-        if matches!(self.next, Access::WriteMask | Access::WriteOutput) {
-            self.written = Some(now);
-        }
         self.due = Some(now + RETRY);
         self.ticket = ticket.ok().map(|ticket| (ticket, self.next));
     }
@@ -209,6 +217,8 @@ impl Brake {
         self.taken |= !self.has_mask;
         self.released = if is_released && self.taken { self.released.or(Some(now)) } else { None };
         let write = match self.wanted {
+            // It is not set at speed, nor released where no motor holds the wheel.
+            _ if self.wheel == Wheel::Other => None,
             Some(free) if free != is_released => Some(Access::WriteOutput),
             Some(_) if !self.taken => Some(Access::WriteMask),
             _ => None,

@@ -262,6 +262,15 @@ fn a_brake_is_not_set_while_the_wheel_rolls_without_torque() {
     robot.epos.node.set(0x606C, 0, 0);
     robot.pass(1000);
     assert_eq!(output(&robot), 1);
+    // Another program releases it, and the wheel rolls away: now it is too late to set it.
+    robot.epos.node.set(0x606C, 0, -500);
+    robot.pass(500);
+    robot.epos.node.set(0x60FE, 1, 0);
+    robot.pass(3000);
+    assert_eq!(output(&robot), 0);
+    robot.epos.node.set(0x606C, 0, 0);
+    robot.pass(2000);
+    assert_eq!(output(&robot), 1);
 }
 
 #[test]
