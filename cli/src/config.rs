@@ -63,14 +63,18 @@ fn check(common: &Common, dir: &Path) -> Result<(), Failed> {
     // Those of the simulated robot, which comes last, have those of the robot among them.
     let mut notices = Vec::new();
     let mut remarks = Vec::new();
+    let mut sheets = Vec::new();
     for sim in sides {
         let config;
         (config, notices) = Config::load_with_notices(dir, *sim, &common.sets)?;
         remarks = config.robot.remarks();
-        preflight::check(&RobotLocation { config: dir.into(), ..common.place(*sim) }, &config, &World::default())?;
+        let place = RobotLocation { config: dir.into(), ..common.place(*sim) };
+        preflight::check(&place, &config, &World::default())?;
+        sheets = preflight::remarks(&place, &config);
     }
     let file = dir.join("robot.toml");
     notices.extend(remarks.iter().map(|remark| format!("{}: {remark}", file.display())));
+    notices.extend(sheets);
     crate::notice(&notices);
     let of = if simulated { "the robot and the simulated robot" } else { "the robot" };
     print(format_args!("{}: good, for {of}", dir.display()))

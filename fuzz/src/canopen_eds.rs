@@ -73,6 +73,7 @@ fn check_drive(eds: &Eds) {
             range: Some([-1.0, 1.0]),
             homing,
             sync: None,
+            setpoints: None,
             master: 127,
             torque: true,
             second_way: true,

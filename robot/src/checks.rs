@@ -22,8 +22,8 @@ use std::f64::consts::PI;
 const TPDOS: u16 = 0x1800;
 const CONTROLWORD: u16 = 0x6040;
 const STATUSWORD: u16 = 0x6041;
-/// Target position, target velocity.
-const TARGETS: [u16; 2] = [0x607A, 0x60FF];
+/// Target position, interpolated position, target velocity.
+const TARGETS: [u16; 3] = [0x607A, 0x60C1, 0x60FF];
 
 /// Low byte of the controlword of a quick stop (CiA 402-2): what the rules read of a motor controller that has one.
 const QUICK_STOP: u8 = 0x0B;

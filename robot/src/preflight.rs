@@ -4,7 +4,7 @@
 use crate::config::{Config, ConfigError};
 use crate::place::RobotLocation;
 use crate::simulated;
-use crate::topology::{HostOptions, shell_in};
+use crate::topology::{self, HostOptions, shell_in};
 use module::State;
 use simulator::Simulator;
 use simulator::world::World;
@@ -23,6 +23,13 @@ pub fn check(place: &RobotLocation, config: &Config, world: &World) -> Result<()
     let mut lines: Vec<String> = refused.flat_map(|ConfigError(lines)| lines).collect();
     lines.dedup();
     if lines.is_empty() { Ok(()) } else { Err(ConfigError(lines)) }
+}
+
+/// What is allowed, and may not be meant, in the data sheets of the drives; with file and line. Of a configuration that
+/// [`check`] refuses: nothing.
+#[must_use]
+pub fn remarks(place: &RobotLocation, config: &Config) -> Vec<String> {
+    topology::remarks_on_sheets(place, config)
 }
 
 /// The targets of `SIM_CMD_FAULT` of the simulated robot, each with the faults that it can have.
@@ -131,5 +138,28 @@ mod tests {
         let of = |target: &str| faults.iter().find(|(name, _)| name == target).map(|(_, faults)| faults.as_slice());
         assert!(of("fan1").unwrap().contains(&"stall") && of("robot").unwrap().contains(&"kidnap"), "{faults:?}");
         assert!(of("fan7").is_none());
+    }
+
+    #[test]
+    fn a_sheet_whose_motor_is_slower_than_the_limits_is_remarked_with_line_and_figures() {
+        let shipped = shipped().join("../courier");
+        let remarks = |sets: &[&str], config: PathBuf| {
+            let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
+            let place = RobotLocation { sets: sets.clone(), ..place(config, false) };
+            let config = Config::load(&place.config, false, &sets).expect("a configuration");
+            assert_eq!(check(&place, &config, &World::default()).map_err(|error| error.to_string()), Ok(()));
+            super::remarks(&place, &config)
+        };
+        assert_eq!(remarks(&[], shipped.clone()), <[String; 0]>::default());
+        // 2 m/s of a wheel with a radius of 0.085 m behind a gear of 20; the sheet has 4000.
+        let sheet = shipped.join("wheel.eds");
+        let expected = |axis| {
+            format!(
+                "{}:480: 0x6080:0 (greatest motor speed) is 4000 rpm by the sheet, and the limits demand 4494 rpm of \
+                 the {axis} drive: one that is set so is refused at its boot-up; motor_rpm_max writes it",
+                sheet.display()
+            )
+        };
+        assert_eq!(remarks(&["limits.speed_mps=2"], shipped), ["left", "right"].map(expected));
     }
 }

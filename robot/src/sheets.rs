@@ -10,6 +10,8 @@ use std::sync::Arc;
 
 /// Digital inputs of a drive (CiA 402).
 const INPUTS: u16 = 0x60FD;
+/// Greatest speed of a motor, 1/min.
+const MOTOR_SPEED: u16 = 0x6080;
 
 fn error(path: &Path, why: impl std::fmt::Display) -> ConfigError {
     ConfigError(vec![format!("{}: {why}", path.display())])
@@ -99,6 +101,28 @@ pub(crate) fn check_inputs(place: &RobotLocation, bus: &CanBus, stop: &canbus::S
         }
     }
     Ok(())
+}
+
+/// Drives that, as their sheets state them, permit less of their motors than the limits of the robot demand: each is
+/// refused at its boot-up, unless it is set otherwise.
+pub(crate) fn slow_motors(place: &RobotLocation, bus: &CanBus, driver: &Canbus) -> Vec<String> {
+    let slow = |node: &canbus::Node| {
+        let (path, object) = (node.eds.as_ref()?, node.sheet.as_ref()?.object(MOTOR_SPEED, 0)?);
+        let setup = driver.nodes().find(|setup| setup.id == node.id)?;
+        let needed = setup.identity.iter().find(|expect| (expect.index, expect.sub) == (MOTOR_SPEED, 0))?.min;
+        let stated = object.parameter.as_ref().or(object.default.as_ref())?.number(object.data_type, node.id);
+        let advice = if object.access.writes() { "; motor_rpm_max writes it" } else { "" };
+        (stated < i64::from(needed)).then(|| {
+            format!(
+                "{}:{}: 0x6080:0 (greatest motor speed) is {stated} rpm by the sheet, and the limits demand {needed} \
+                 rpm of the {} drive: one that is set so is refused at its boot-up{advice}",
+                place.config.join(path).display(),
+                object.line,
+                node.axis.name()
+            )
+        })
+    };
+    bus.driver.nodes.iter().filter_map(slow).collect()
 }
 
 /// A data sheet that the configuration names must be one of a device that the driver can set up.

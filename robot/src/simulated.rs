@@ -338,6 +338,7 @@ fn drive(robot: &Robot, node: &canbus::Node) -> Result<DriveConfig, ConfigError>
             current: keys.current(),
             temperature: keys.temperature(),
             homed: keys.homed_bit.map_or(0, |bit| 1 << bit),
+            brake: keys.brake == canbus::BrakeControl::Output,
         })),
     };
     Ok(DriveConfig { name: name.into(), node: node.id, kind })
@@ -379,6 +380,8 @@ fn by_table(
                 current: None,
                 temperature: None,
                 homed: table.table.homed,
+                // A table of objects says nothing of a brake.
+                brake: false,
             }))
         }
     })

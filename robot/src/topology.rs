@@ -670,6 +670,14 @@ pub(crate) fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> R
     Ok(driver)
 }
 
+/// What is allowed of the drives' data sheets, and may not be meant; with file and line.
+pub(crate) fn remarks_on_sheets(place: &RobotLocation, config: &Config) -> Vec<String> {
+    let mut buses = config.robot.can.clone();
+    let read = buses.iter_mut().try_for_each(|bus| sheets::read(place, bus));
+    let Some(driver) = read.and_then(|()| canbus(place, config, false)).ok() else { return Vec::new() };
+    buses.iter().flat_map(|bus| sheets::slow_motors(place, bus, &driver)).collect()
+}
+
 /// What `driver_canbus` applies of the table `[guard]`.
 fn protection(guard: &guard::Settings, geometry: &Geometry) -> canbus::protection::Config {
     let guard::Settings { ranging, speed_blind, creep, .. } = *guard;

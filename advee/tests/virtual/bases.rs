@@ -16,6 +16,8 @@ const STOP_MAX: Duration = Duration::from_millis(300);
 const RPDO: u16 = 0x200;
 const TPDO: u16 = 0x180;
 const EMERGENCY: u16 = 0x80;
+/// Requests to an SDO server.
+const SDO: u16 = 0x600;
 /// Code of an emergency: the master is silent (CiA 301).
 const HEARTBEAT_LOST: [u8; 2] = 0x8130u16.to_le_bytes();
 /// Messages of CAN Simple by an identifier's lowest five bits: heartbeat, and velocity set-point of an ODrive.
@@ -43,6 +45,10 @@ struct Observed {
     moves: [bool; 8],
     /// Errors of the drives' driver.
     errors: Vec<(Instant, String)>,
+    /// Set-points of enabled wheels, in the drives' unit.
+    setpoints: Vec<(Instant, u16, i32)>,
+    /// What was written to 0x60FE:1 of each drive.
+    outputs: Vec<(Instant, u16, u32)>,
 }
 
 impl Observed {
@@ -80,6 +86,12 @@ impl Observed {
                 };
             }
         };
+        if let (RPDO, &[0x0F, _, a, b, c, d]) = (id & 0x780, data) {
+            self.setpoints.push((now, id & 0x7F, i32::from_le_bytes([a, b, c, d])));
+        }
+        if let (SDO, &[0x23, 0xFE, 0x60, 1, a, b, c, d]) = (id & 0x780, data) {
+            self.outputs.push((now, id & 0x7F, u32::from_le_bytes([a, b, c, d])));
+        }
         let (wheel, moves) = match id & 0x780 {
             RPDO if data.len() == 6 => (id & 0x7F, data[0] & 0x0F == 0x0F && data[2..] != [0; 4]),
             // Only that it is not enabled says something.
@@ -397,6 +409,172 @@ fn all_wheels_stop_if_one_is_lost_or_the_driver_is() {
             base.assert_stopped(&format!("{name}: {lost}"), since, STOP_MAX, None);
             base.assert_stands(&format!("{name}: {lost}"));
         }
+    }
+}
+
+/// The courier with drives that offer cyclic synchronous velocity alone, at SYNC or without it.
+fn on_cyclic_drives(sync: Option<&str>) -> impl Fn() -> Base {
+    let folder =
+        Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("cyclic-{}-{}", sync.is_some(), std::process::id()));
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/courier");
+    std::fs::create_dir_all(&folder).expect("a folder");
+    for file in ["modules.toml", "sim.toml", "robot.toml"] {
+        std::fs::copy(shipped.join(file), folder.join(file)).expect("the shipped configuration");
+    }
+    let sheet = std::fs::read_to_string(shipped.join("wheel.eds")).expect("its sheet");
+    let modes = "ParameterName=Supported drive modes\nObjectType=0x7\nDataType=0x0007\nAccessType=ro\nDefaultValue=";
+    let cyclic = sheet.replace(&format!("{modes}0x04"), &format!("{modes}0x0100"));
+    assert_ne!(cyclic, sheet);
+    std::fs::write(folder.join("wheel.eds"), cyclic).expect("a file");
+    let sets: Vec<String> = sync.iter().map(|period| format!("can.main.sync_s={period}")).collect();
+    move || {
+        let sets: Vec<&str> = sets.iter().map(String::as_str).collect();
+        Base::of(&folder, "courier", 2, &empty_world(), &sets)
+    }
+}
+
+/// The courier with a holding brake on the output of each drive, which needs 200 ms.
+#[test]
+fn a_courier_with_brakes_on_its_drives_moves_as_commanded_stops_and_is_braked_at_the_end() {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("braked-{}", std::process::id()));
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/courier");
+    std::fs::create_dir_all(&folder).expect("a folder");
+    for file in ["modules.toml", "sim.toml"] {
+        std::fs::copy(shipped.join(file), folder.join(file)).expect("the shipped configuration");
+    }
+    let robot = std::fs::read_to_string(shipped.join("robot.toml")).expect("the shipped configuration");
+    let eds = "eds = \"wheel.eds\"\n";
+    let braked = robot.replace(eds, &format!("{eds}brake = \"output\"\nbrake_release_s = 0.2\n"));
+    std::fs::write(folder.join("robot.toml"), braked).expect("a file");
+    let mut sheet = std::fs::read_to_string(shipped.join("wheel.eds")).expect("its sheet");
+    sheet += "\n[60FE]\nParameterName=Digital outputs\nObjectType=0x8\nSubNumber=3\n";
+    for (sub, kind, access, value) in [(0, "0x0005", "const", 2), (1, "0x0007", "rw", 0), (2, "0x0007", "rw", 0)] {
+        sheet += &format!(
+            "[60FEsub{sub}]\nParameterName=Sub {sub}\nObjectType=0x7\nDataType={kind}\nAccessType={access}\n\
+             DefaultValue={value}\nPDOMapping=0\n"
+        );
+    }
+    std::fs::write(folder.join("wheel.eds"), sheet).expect("a file");
+    let ready = || Base::of(&folder, "courier with brakes", 2, &empty_world(), &[]);
+
+    let mut base = ready();
+    for twist in [(0.25, 0.0, 0.0), (0.0, 0.0, -0.6)] {
+        base.drive(twist, 5.0);
+        base.pass(4.0);
+        let velocity = base.observed.borrow().velocity.clone();
+        let measured = [velocity.vx - twist.0, velocity.vy - twist.1, velocity.omega - twist.2];
+        assert!(measured.iter().all(|gap| gap.abs() < 0.02), "{twist:?}: {velocity:?}");
+        base.pass(3.0);
+    }
+    assert!(base.observed.borrow().errors.is_empty(), "{:?}", base.observed.borrow().errors);
+    // It was driven after its brakes were released, by 0 in bit 0 of 0x60FE:1.
+    let outputs = base.observed.borrow().outputs.clone();
+    let first = base.observed.borrow().setpoints.iter().find(|row| row.2 != 0).expect("it moved").0;
+    for wheel in [1, 2] {
+        let own: Vec<_> = outputs.iter().filter(|row| row.1 == wheel).collect();
+        let released = own.iter().find(|row| row.2 & 1 == 0).expect("it was released").0;
+        assert!(first.since(released) >= Duration::from_millis(200), "{own:?}, {first:?}");
+    }
+    // The module ends: the brakes are set, by the last thing that is written to the outputs.
+    let (module, source, state) = ("driver_canbus".into(), "test".into(), State::Terminate as i8);
+    let now = base.machine.now();
+    base.machine.inject(now, messages::common::CmdState { timestamp: 0, module, state, manual: true, source });
+    base.pass(1.0);
+    for wheel in [1, 2] {
+        let outputs = base.observed.borrow().outputs.clone();
+        let last = outputs.iter().rev().find(|row| row.1 == wheel).expect("it was released");
+        assert!(last.0 > now && last.2 & 1 == 1, "{outputs:?}");
+    }
+
+    for fault in ["silent", "fault", "reboot"] {
+        let mut base = ready();
+        base.drive((0.25, 0.0, 0.3), 8.0);
+        base.pass(2.0);
+        base.observed.borrow_mut().stopped.clear();
+        let (since, target) = (base.machine.now(), "left".into());
+        let command = CmdFault { target, fault: fault.into(), value: 0.5, duration: 5.0, ..Default::default() };
+        base.machine.inject(since, command);
+        base.pass(3.0);
+        base.assert_stopped(fault, since, STOP_MAX, Some(1));
+        base.assert_stands(fault);
+    }
+}
+
+/// These drives have no ramp in their mode: the driver's set-points are one.
+#[test]
+fn a_courier_on_cyclic_drives_moves_as_commanded_by_ramps_of_the_driver() {
+    for sync in [None, Some("0.01")] {
+        let mut base = on_cyclic_drives(sync)();
+        for twist in [(0.25, 0.0, 0.0), (0.2, 0.0, 0.5), (0.0, 0.0, -0.6), (-0.2, 0.0, 0.0)] {
+            base.drive(twist, 5.0);
+            base.pass(4.0);
+            let velocity = base.observed.borrow().velocity.clone();
+            let measured = [velocity.vx - twist.0, velocity.vy - twist.1, velocity.omega - twist.2];
+            assert!(measured.iter().all(|gap| gap.abs() < 0.02), "{sync:?} {twist:?}: {velocity:?}");
+            base.pass(3.0);
+            base.assert_located("courier on cyclic drives");
+        }
+        let observed = base.observed.borrow();
+        assert!(observed.errors.is_empty(), "{:?}", observed.errors);
+        let period = if sync.is_some() { 0.01 } else { 0.02 };
+        for wheel in [1, 2] {
+            let own: Vec<_> = observed.setpoints.iter().filter(|row| row.1 == wheel).collect();
+            // 0.8 m/s² at most, of a motor that makes 20 turns in the way of a wheel with a radius of 0.085 m, in rpm.
+            let most = 0.8 * period * 60.0 * 20.0 / (std::f64::consts::TAU * 0.085) + 1.0;
+            let moving = own.windows(2).filter(|two| two[1].0.since(two[0].0).as_secs_f64() < 0.1);
+            let steps: Vec<f64> = moving.map(|two| f64::from(two[1].2 - two[0].2).abs()).collect();
+            assert!(steps.len() > 1000, "{sync:?}: {} set-points", steps.len());
+            assert!(
+                steps.iter().all(|step| *step <= most),
+                "{sync:?}: {:?} > {most}",
+                steps.iter().max_by(|a, b| a.total_cmp(b))
+            );
+        }
+    }
+}
+
+#[test]
+fn all_wheels_of_a_courier_on_cyclic_drives_stop_if_one_is_lost_or_the_driver_is() {
+    for sync in [None, Some("0.01")] {
+        let ready = on_cyclic_drives(sync);
+        let driving = || {
+            let mut base = ready();
+            base.drive((0.25, 0.0, 0.3), 8.0);
+            base.pass(2.0);
+            base.observed.borrow_mut().stopped.clear();
+            base
+        };
+        for (victim, name) in [(1, "left"), (2, "right")] {
+            for fault in ["silent", "fault", "reboot", "runaway"] {
+                let mut base = driving();
+                let (since, target, fault) = (base.machine.now(), name.into(), fault.to_owned());
+                let what = format!("{sync:?}: {fault} of {name}");
+                base.machine.inject(since, CmdFault { target, fault, value: 0.5, duration: 5.0, ..Default::default() });
+                base.pass(3.0);
+                base.assert_stopped(&what, since, STOP_MAX, Some(victim));
+            }
+        }
+        for hangs in [true, false] {
+            let mut base = driving();
+            let (since, pid) = (base.machine.now(), base.machine.pid("driver_canbus").expect("it runs"));
+            if hangs {
+                base.machine.hang(pid);
+            } else {
+                base.machine.kill(pid);
+            }
+            base.pass(3.0);
+            base.assert_stopped(&format!("{sync:?}: hangs {hangs}"), since, STOP_MAX, None);
+            base.assert_stands(&format!("{sync:?}: hangs {hangs}"));
+        }
+        // The source is silent: the drives brake by their own quick stop.
+        let mut base = ready();
+        base.drive((0.25, 0.0, 0.3), 2.0);
+        base.pass(1.9);
+        base.observed.borrow_mut().stopped.clear();
+        let since = base.machine.now();
+        base.pass(2.0);
+        base.assert_stopped(&format!("{sync:?}: silence"), since, Duration::from_millis(400), None);
+        base.assert_stands(&format!("{sync:?}: silence"));
     }
 }
 

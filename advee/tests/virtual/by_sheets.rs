@@ -183,3 +183,65 @@ fn a_unit_of_velocity_that_is_not_the_drive_s_shows() {
     assert!(*fastest > 0.5, "{fastest} m/s");
     assert_eq!(checkers.violation().map(|violation| violation.rule), Some("fresh"));
 }
+
+/// The steering drive has no profile in this mode: the driver makes it, a position for each SYNC.
+#[test]
+fn a_steering_in_cyclic_synchronous_position_is_homed_steers_and_stops() {
+    let cyclic = Drive(
+        "ros2_cia402_slave.eds",
+        "gear = -180\ncounts_per_turn = 4096\nhoming_method = 23\nswitch_rad = -0.6283\nhoming_speed_radps = 0.1745\n\
+         mode = \"cyclic synchronous position\"",
+    );
+    steers_by_set_points(&robot("cyclic-steering", [STATED[0], cyclic], &["can.main.sync_s=0.01"]));
+}
+
+/// The same in the older mode, which is the only one of the position that the drive offers.
+#[test]
+fn a_steering_in_interpolated_position_is_homed_steers_and_stops() {
+    let place = robot("interpolated-steering", STATED, &["can.main.sync_s=0.01"]);
+    let sheet = place.config.join("steering.eds");
+    let text = std::fs::read_to_string(&sheet).expect("the sheet");
+    let modes = text.replace("DefaultValue=0x000000A5", "DefaultValue=0x00000064");
+    assert_ne!(modes, text);
+    let object = "\n[60C1]\nParameterName=Interpolation data\nObjectType=9\nSubNumber=2\n".to_owned()
+        + "[60C1sub0]\nParameterName=Highest sub-index\nObjectType=7\nDataType=5\nAccessType=const\nDefaultValue=1\n"
+        + "[60C1sub1]\nParameterName=Set-point\nObjectType=7\nDataType=4\nAccessType=rw\nPDOMapping=1\n";
+    std::fs::write(&sheet, modes + &object).expect("a file");
+    steers_by_set_points(&place);
+}
+
+fn steers_by_set_points(place: &RobotLocation) {
+    let mut robot = started(place);
+    assert!(robot.motion().homed, "{}", robot.motion().reason);
+    for (speed, steering) in [(0.4, 0.3), (-0.3, -0.3)] {
+        robot.drive(speed, steering, 4.0);
+        robot.pass(3.9);
+        assert!((robot.speed() - speed).abs() < 0.005, "{} m/s, {}", robot.speed(), robot.motion().reason);
+        assert!((robot.motion().steering - steering).abs() < 0.01, "{} rad", robot.motion().steering);
+        let true_angle = robot.seen.borrow().steering;
+        assert!((true_angle - steering).abs() < 0.006, "{true_angle} rad");
+    }
+    for name in ["silent", "fault"] {
+        let place = robot_with_speed(place);
+        let (way, seconds, speed) = stops::stands_after(&place, |robot| goes_on(robot, "steering", name, 5.0));
+        println!("{name}: from {speed:.2} m/s: {way:.2} m, {seconds:.2} s");
+        assert!(way <= 0.5, "{name}: {way:.2} m");
+    }
+    // It was off: it is homed again at the operator's press, and drives at the next.
+    fault(&mut robot, "steering", "reboot", 0.0, 0.0);
+    robot.pass(2.0);
+    robot.drive_anew(0.3, 0.0, 1.0);
+    robot.pass(10.0);
+    assert!(robot.motion().homed, "{}", robot.motion().reason);
+    robot.drive_anew(0.3, 0.2, 3.0);
+    robot.pass(2.9);
+    assert!((robot.speed() - 0.3).abs() < 0.02, "{}", robot.motion().reason);
+    assert!((robot.motion().steering - 0.2).abs() < 0.01, "{} rad", robot.motion().steering);
+}
+
+/// The same, which somebody may drive at 0.8 m/s.
+fn robot_with_speed(place: &RobotLocation) -> RobotLocation {
+    let mut place = place.clone();
+    place.sets.push("limits.speed_manual_mps=0.8".into());
+    place
+}

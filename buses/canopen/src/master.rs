@@ -283,6 +283,12 @@ impl Master {
         ])
     }
 
+    /// When the next SYNC is sent; `None`: none was configured, or the first call is still to come.
+    #[must_use]
+    pub fn next_sync(&self) -> Option<Instant> {
+        self.sync.as_ref().map(Sync::next)
+    }
+
     /// Progress of a node; `None` if it is not configured.
     #[must_use]
     pub fn state(&self, node: u8) -> Option<State> {

@@ -8,8 +8,11 @@ use super::controllers::{Controller, Kind};
 use super::scan::{Asked, Row};
 use super::target::{Target, Where};
 use crate::{Common, Failed, Outcome, print};
+use base::Duration;
 use canopen::axis::modes::Mode;
-use canopen::drives::derive::{Derived, Description, Limits, Quirks, Reason, Refusal, VelocityUnit, derive};
+use canopen::drives::derive::{
+    Derived, Description, Limits, Quirks, Reason, Refusal, VelocityUnit, derive, position_mode, velocity_mode,
+};
 use canopen::eds::Eds;
 use drivers::canbus::table::DriveFile;
 use drivers::canbus::tables::FOLDER;
@@ -71,6 +74,10 @@ const REMARK: usize = 31;
 /// A usual wheel: its circumference, m, and motion, for values that a sheet may not take.
 const WHEEL_M: f64 = 0.5;
 const LIMITS: Limits = Limits { velocity: 0.5, acceleration: 0.5, deceleration: 0.5, quick_stop: 1.0 };
+/// Period of velocities on a bus without SYNC.
+const SETPOINTS: Duration = Duration::from_millis(20);
+/// Period of SYNC for a drive whose mode needs it.
+const SYNC: Duration = Duration::from_millis(10);
 /// A usual steering: position counts per turn of the motor, and its end, rad.
 const COUNTS: u32 = 4096;
 const STEERING_RAD: f64 = 0.8;
@@ -334,6 +341,9 @@ fn by_sheet(lines: &mut Lines<'_>, node: u8, axis: (&str, &str), sheet: &Sheet) 
     if axis.0 == STEERING {
         lines.steering();
     }
+    if matches!(derived.table.mode, Mode::CyclicPosition | Mode::Interpolated) {
+        lines.remark("Needs SYNC: sync_s = 0.01, at most 0.02, in the table of the bus");
+    }
     for lacks in &derived.reservations {
         lines.remark(&format!(
             "Needs [stop] second_way, or its manual and stops_without: {}",
@@ -355,7 +365,7 @@ struct Tried {
 
 impl Tried {
     fn of(eds: &Eds, node: u8, steers: bool) -> Result<Self, Refusal> {
-        let mode = if steers { Mode::ProfilePosition } else { Mode::ProfileVelocity };
+        let mode = if steers { position_mode(eds, node) } else { velocity_mode(eds, node) };
         let description = |second_way, (unit, counts, gear): Way| Description {
             mode,
             per_turn: if steers { TAU } else { WHEEL_M },
@@ -365,7 +375,8 @@ impl Tried {
             limits: LIMITS,
             range: steers.then_some([-STEERING_RAD, STEERING_RAD]),
             homing: None,
-            sync: None,
+            sync: matches!(mode, Mode::CyclicPosition | Mode::Interpolated).then_some(SYNC),
+            setpoints: Some(SETPOINTS),
             master: 127,
             torque: false,
             second_way,

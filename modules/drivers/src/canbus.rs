@@ -19,6 +19,7 @@ pub mod surroundings;
 
 mod agreement;
 mod body;
+mod brake;
 mod bus;
 mod cia402;
 mod config;
@@ -39,6 +40,7 @@ mod objection;
 mod odrive;
 mod pause;
 mod propulsion;
+mod ramp;
 mod readback;
 mod reference;
 mod release;
@@ -55,7 +57,7 @@ mod tests;
 mod vesc;
 mod wheels;
 
-pub use cia402::{Cia402, Cia402Config, VelocityUnit};
+pub use cia402::{BrakeControl, Cia402, Cia402Config, DriveMode, VelocityUnit};
 pub use config::{
     Axis, BusConfig, Config, ConfigError, Drive, FurtherBus, HomingRelease, Node, PauseStop, PropulsionConfig,
     PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, SteeringKeys, Stop, StopInput, UnbrakedStop, WheelKeys,
@@ -680,9 +682,11 @@ impl Canbus {
             || self.inputs.on_sdo(ticket, result.ok(), &mut self.around.pause)
             || self.devices.on_sdo(now, ticket, result, &mut self.around.pause, out)
             || self.on_read_back(now, ticket, result.ok(), out)
-            || self
-                .drives_mut()
-                .any(|drive| drive.on_mode(now, ticket, result) || drive.on_motor(now, ticket, result, out))
+            || self.drives_mut().any(|drive| {
+                drive.on_mode(now, ticket, result)
+                    || drive.on_brake(now, ticket, result)
+                    || drive.on_motor(now, ticket, result, out)
+            })
         {
             return;
         }

@@ -334,6 +334,32 @@ fn a_homing_method_is_one_of_the_standard_or_of_the_maker_and_of_a_steering() {
     assert_eq!(found, ["robot.toml:24: can.main.nodes[0].homing_method = 27: expected nothing: a wheel is not homed"]);
 }
 
+#[test]
+fn a_drive_by_its_sheet_has_a_mode_of_its_axis_and_a_wheel_may_have_a_brake() {
+    let wheel = |more: &str| {
+        let from = "driver = \"epos\", axis = \"propulsion\", gear = 26";
+        let to = format!("driver = \"cia402\", axis = \"propulsion\", gear = 26, eds = \"wheel.eds\", {more}");
+        load(&ROBOT.replacen(from, &to, 1), "", &[], MODULES).err().unwrap_or_default()
+    };
+    for mode in ["profile velocity", "cyclic synchronous velocity"] {
+        assert_eq!(wheel(&format!("mode = \"{mode}\", brake = \"output\"")), <[String; 0]>::default());
+    }
+    let expected = "robot.toml:24: can.main.nodes[0].mode = \"profile position\": expected a mode of the velocity";
+    assert_eq!(wheel("mode = \"profile position\""), [expected]);
+    let steering = |more: &str| {
+        let to = format!("driver = \"cia402\", eds = \"steering.eds\", {more}");
+        load(&ROBOT.replacen("driver = \"icla\"", &to, 1), "", &[], MODULES).err().unwrap_or_default()
+    };
+    for mode in ["profile position", "cyclic synchronous position", "interpolated position"] {
+        assert_eq!(steering(&format!("mode = \"{mode}\"")), <[String; 0]>::default());
+    }
+    let mode = "robot.toml:25: can.main.nodes[1].mode = \"profile velocity\": expected a mode of the position";
+    assert_eq!(steering("mode = \"profile velocity\""), [mode]);
+    let brake = "robot.toml:25: can.main.nodes[1].brake = \"output\": expected \"drive\": the output of a steering is \
+                 not switched";
+    assert_eq!(steering("brake = \"output\""), [brake]);
+}
+
 /// An ODrive of a wheel.
 fn odrive(id: u8, axis: &str, more: &str) -> String {
     format!(

@@ -10,6 +10,7 @@ mod description;
 mod draft;
 mod modes;
 mod motor;
+mod motor_speed;
 mod pdos;
 mod refusal;
 mod sheet;
@@ -84,6 +85,7 @@ pub fn derive(eds: &Eds, node: u8, description: &Description) -> Result<Derived,
         return Err(Refusal::new(0x608F, 1, Reason::NoUnit));
     }
     limits(&mut draft, &units)?;
+    motor_speed::motor_speed(&mut draft, turns)?;
     let keeps_quick_stop = stop::stops(&mut draft)?;
     let supervision = stop::supervision(&mut draft)?;
     modes::period(&mut draft)?;
@@ -123,9 +125,37 @@ pub fn derive(eds: &Eds, node: u8, description: &Description) -> Result<Derived,
     })
 }
 
+/// The mode in which a wheel is driven by this sheet if nobody says it: profile velocity, unless the drive offers only
+/// cyclic synchronous velocity.
+#[must_use]
+pub fn velocity_mode(eds: &Eds, node: u8) -> Mode {
+    modes::of_velocity(Sheet { eds, node: node.clamp(1, 127) })
+}
+
+/// The same of a steering: profile position, unless the drive offers only cyclic synchronous or interpolated position.
+#[must_use]
+pub fn position_mode(eds: &Eds, node: u8) -> Mode {
+    modes::of_position(Sheet { eds, node: node.clamp(1, 127) })
+}
+
+/// The output of a holding brake, bit 0 of 0x60FE:1, can be switched and read back; true if it has a mask, 0x60FE:2.
+///
+/// # Errors
+/// The output is missing, is no number of 32 bits, or cannot be written.
+pub fn brake_output(eds: &Eds) -> Result<bool, Refusal> {
+    let sheet = Sheet { eds, node: 1 };
+    let switched = |sub| {
+        let object = sheet.typed(0x60FE, sub, DataType::U32)?;
+        let switched = object.access.writes() && object.access.reads();
+        if switched { Ok(()) } else { Err(Refusal::new(0x60FE, sub, Reason::NotWritable)) }
+    };
+    switched(1)?;
+    if eds.object(0x60FE, 2).is_some() { switched(2).map(|()| true) } else { Ok(false) }
+}
+
 /// True if set-points of this mode are positions.
 const fn objects_are_positions(mode: Mode) -> bool {
-    matches!(mode, Mode::ProfilePosition | Mode::CyclicPosition)
+    matches!(mode, Mode::ProfilePosition | Mode::CyclicPosition | Mode::Interpolated)
 }
 
 /// A device without a profile in its sheet is one if it has a controlword.

@@ -374,6 +374,7 @@ fn use_it(file: &[u8]) -> bool {
             range: (mode == Mode::ProfilePosition).then_some([-100.0, 100.0]),
             homing: None,
             sync: None,
+            setpoints: None,
             master: 127,
             torque: true,
             second_way: true,

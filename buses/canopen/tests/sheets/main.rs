@@ -30,6 +30,7 @@ fn description(mode: Mode) -> Description {
         range: (mode != Mode::ProfileVelocity && mode != Mode::CyclicVelocity).then_some([-100.0, 100.0]),
         homing: None,
         sync: Some(PERIOD),
+        setpoints: None,
         master: 127,
         torque: false,
         second_way: false,

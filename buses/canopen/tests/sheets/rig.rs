@@ -55,6 +55,7 @@ impl Rig {
             options: Options { quick_stop: if keeps { 6 } else { 2 }, ..Options::default() },
             velocity: counts / value(scale.velocity),
             acceleration: counts / value(scale.acceleration),
+            index: counts,
             following_fault: false,
             ..Config::default()
         };

@@ -1,11 +1,14 @@
 //! A drive of CiA 402 by its data sheet: from the keys of the configuration to what the drive must be.
 
+use super::brake::Brake;
 use super::config::{ConfigError, SecondWay, Stop, check_method};
 use super::identity_keys::{self, IdentityKeys};
-use super::{Axis, Config};
+use super::{Axis, Config, ramp};
 use base::Duration;
 use canopen::axis::modes::Mode;
-use canopen::drives::derive::{self, Derived, Description, Limits, Quirks, derive};
+use canopen::drives::derive::{
+    self, Derived, Description, Limits, Quirks, brake_output, derive, position_mode, velocity_mode,
+};
 use canopen::drives::motor::{Own, Unit};
 use canopen::eds::Eds;
 use canopen::master::Expect;
@@ -21,6 +24,13 @@ settings! {
         gear: Option<f64> = optional, -10_000.0..=10_000.0;
         /// Position counts per turn of the motor. Absent: 0x6092, or 0x608F.
         counts_per_turn: Option<u32> = optional, 1..=1_000_000_000;
+        /// Mode of operation: of a wheel one of the velocity, of a steering one of the position. Absent: the profile
+        /// mode, where the drive offers it (0x6502), else the cyclic one.
+        mode: Option<DriveMode> = optional;
+        /// Who switches the holding brake of a wheel.
+        brake: BrakeControl = BrakeControl::Drive;
+        /// From the brake's output to the wheel that turns freely: until then set-points are 0.
+        brake_release_s as brake_release: Duration = 0.2, 0.0..=5.0;
         /// Unit of the drive's velocities; of its ramps, per second. `"stated"`: by the data sheet, which has 0x60A9;
         /// or counts/s, where it has 0x608F or 0x6092.
         velocity_unit: VelocityUnit = VelocityUnit::Stated;
@@ -81,6 +91,53 @@ settings! {
 }
 
 settings! {
+    /// Mode of operation of a drive.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum DriveMode {
+        /// The drive accelerates by its own ramps.
+        ProfileVelocity = "profile velocity",
+        /// This computer makes the ramps, a set-point for each SYNC (`sync_s`, at most 0.02), else each 20 ms. A quick
+        /// stop is the drive's own all the same.
+        CyclicVelocity = "cyclic synchronous velocity",
+        /// The drive moves by its own profile.
+        ProfilePosition = "profile position",
+        /// This computer makes the profile, a set-point for each SYNC (`sync_s`, at most 0.02). A quick stop is the
+        /// drive's own all the same.
+        CyclicPosition = "cyclic synchronous position",
+        /// The same, in the older mode of CiA 402 for it.
+        Interpolated = "interpolated position",
+    }
+}
+
+impl DriveMode {
+    const fn mode(self) -> Mode {
+        match self {
+            Self::ProfileVelocity => Mode::ProfileVelocity,
+            Self::CyclicVelocity => Mode::CyclicVelocity,
+            Self::ProfilePosition => Mode::ProfilePosition,
+            Self::CyclicPosition => Mode::CyclicPosition,
+            Self::Interpolated => Mode::Interpolated,
+        }
+    }
+
+    const fn is_of_position(self) -> bool {
+        matches!(self, Self::ProfilePosition | Self::CyclicPosition | Self::Interpolated)
+    }
+}
+
+settings! {
+    /// Who switches a holding brake.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum BrakeControl {
+        /// The drive itself, or there is none: nothing is written.
+        Drive = "drive",
+        /// This driver, by the brake output of the drive, bit 0 of 0x60FE:1: released after the drive was enabled, set
+        /// when the wheel stands and its drive is off or is to be.
+        Output = "output",
+    }
+}
+
+settings! {
     /// Unit of a drive's current.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub enum CurrentUnit {
@@ -114,6 +171,8 @@ pub struct Cia402 {
     pub keys: Cia402Config,
     /// The sheet, to be read by who may open files.
     pub sheet: Option<Arc<Eds>>,
+    /// Greatest speed that motor and gear can bear, 1/min, if it is given.
+    pub motor_rpm_max: Option<f64>,
 }
 
 /// What an axis asks of its drive.
@@ -150,7 +209,15 @@ impl Cia402Config {
         if !table.has("eds") {
             table.refuse_missing("eds", "the data sheet of the drive");
         }
+        let steers = axis == Axis::Steering;
+        if self.mode.is_some_and(|mode| mode.is_of_position() != steers) {
+            let expected = if steers { "a mode of the position" } else { "a mode of the velocity" };
+            table.refuse("mode", expected);
+        }
         if axis == Axis::Steering {
+            if self.brake == BrakeControl::Output {
+                table.refuse("brake", "\"drive\": the output of a steering is not switched");
+            }
             if !table.has("switch_rad") {
                 table.refuse_missing("switch_rad", "the angle at which the homing switch closes");
             }
@@ -176,6 +243,7 @@ impl Cia402Config {
             identity: self.identity(),
             current: self.current(),
             temperature: self.temperature(),
+            ..Quirks::default()
         }
     }
 
@@ -222,6 +290,26 @@ impl VelocityUnit {
 }
 
 impl Cia402 {
+    /// The mode in which it is driven: of a wheel a velocity mode, of a steering a position mode.
+    pub(super) fn mode(&self, axis: Axis, node: u8) -> Mode {
+        let steers = axis == Axis::Steering;
+        match (self.keys.mode, self.sheet.as_deref()) {
+            (Some(mode), _) => mode.mode(),
+            (None, Some(sheet)) if steers => position_mode(sheet, node),
+            (None, Some(sheet)) => velocity_mode(sheet, node),
+            (None, None) if steers => Mode::ProfilePosition,
+            (None, None) => Mode::ProfileVelocity,
+        }
+    }
+
+    /// The holding brake of a wheel, if this driver switches it.
+    pub(super) fn brake(&self, axis: Axis, node: u8) -> Result<Option<Brake>, ConfigError> {
+        let sheet = self.sheet.as_deref().filter(|_| self.keys.brake == BrakeControl::Output);
+        let Some(sheet) = sheet else { return Ok(None) };
+        let has_mask = brake_output(sheet).map_err(|refusal| ConfigError::Drive { axis, refusal })?;
+        Ok(Some(Brake::new(node, has_mask, self.keys.brake_release)))
+    }
+
     /// The drive of an axis.
     pub(super) fn derive(&self, wanted: &Wanted, config: &Config) -> Result<Derived, ConfigError> {
         let axis = wanted.axis;
@@ -237,10 +325,11 @@ impl Cia402 {
             range: wanted.range,
             homing: homes.then_some(self.keys.homing_method),
             sync: config.sync_and_master(wanted.axis).0,
+            setpoints: Some(ramp::PERIOD),
             master: config.sync_and_master(wanted.axis).1,
             torque: wanted.torque,
             second_way: has_second_way(&config.stop, config.has_pause_line),
-            quirks: self.keys.quirks(),
+            quirks: Quirks { motor_rpm_max: self.motor_rpm_max.map(|rpm| rpm as u32), ..self.keys.quirks() },
         };
         derive(sheet, wanted.node, &description).map_err(|refusal| ConfigError::Drive { axis, refusal })
     }

@@ -57,7 +57,8 @@ settings! {
         /// and names objects in `advee can`. Absent: the sheet that is built in.
         eds: Option<PathBuf> = None, Blank;
         /// Greatest speed of the motor that motor and gear can bear. Limits of the robot that demand more with this
-        /// gear are refused. Absent: not checked.
+        /// gear are refused. Written to 0x6080 of a drive that is driven by its sheet, where that can be written.
+        /// Absent: neither checked nor written.
         motor_rpm_max: Option<f64> = optional, 1.0..=1e6;
         /// The sheet of a drive that is driven by it.
         sheet: Option<Arc<Eds>> = unset None;
@@ -789,7 +790,7 @@ impl Node {
     }
 
     fn by_sheet(&self, keys: &Cia402Config) -> Cia402 {
-        Cia402 { keys: keys.clone(), sheet: self.sheet.clone() }
+        Cia402 { keys: keys.clone(), sheet: self.sheet.clone(), motor_rpm_max: self.motor_rpm_max }
     }
 }
 

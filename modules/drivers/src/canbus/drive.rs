@@ -1,11 +1,12 @@
 //! Common part of both drives: booting, loss and return of the node, the axis state machine, and faults, which are
 //! reported once and reset with pauses.
 
+use super::brake::{Brake, Wheel};
 use super::controller::Availability;
 use super::motor_watch::MotorWatch;
 use super::net::NodeAt;
 use base::can::Frame;
-use base::{Deadlines, Duration, Fault, Instant, Severity, earliest};
+use base::{Deadlines, Duration, Fault, Instant, Level, Severity, earliest};
 use canopen::axis::modes::Mode;
 use canopen::axis::modes::switch::Access;
 use canopen::axis::modes::watch::{ModeWatch, WrongMode};
@@ -39,6 +40,8 @@ const MEASURED_AGE_MAX: Duration = Duration::from_secs(1);
 /// The same of a lost drive.
 const LOST_AGE_MAX: Duration = Duration::from_millis(200);
 
+/// Greatest speed of the motor, 1/min. It is compared at boot-up, where it is not written.
+const MOTOR_SPEED: u16 = 0x6080;
 /// Period of reading the mode of operation while the drive is enabled.
 const MODE_PERIOD: Duration = Duration::from_millis(200);
 /// An emergency that is repeated is reported once in this time, with the number of repetitions.
@@ -73,6 +76,8 @@ pub(super) enum Trouble {
     NotFollowing(NotFollowing, &'static str),
     /// The drive is in another mode of operation. It is booted again once the robot stands.
     Mode(WrongMode),
+    /// Its holding brake is not known to be released.
+    Brake,
 }
 
 /// Objection of a drive to motion.
@@ -98,7 +103,7 @@ impl Objection {
             Self::Absent(Absence::Lost(_)) => Hold::DriveLost,
             Self::NotAnswering => Hold::DriveDeaf,
             Self::Trouble(Trouble::Dropped { .. }) => Hold::DriveDropped,
-            Self::Trouble(Trouble::Stuck { .. }) => Hold::DriveStuck,
+            Self::Trouble(Trouble::Stuck { .. } | Trouble::Brake) => Hold::DriveStuck,
             Self::Trouble(Trouble::NoTarget | Trouble::NotFollowing(..)) => Hold::DriveNoTarget,
             Self::Trouble(Trouble::Mode(_)) => Hold::DriveParameter,
             Self::Fault(_) => Hold::DriveFault,
@@ -126,6 +131,10 @@ impl fmt::Display for Absence {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Booting => f.write_str("is being booted"),
+            Self::BootFailed(_, BootError::Mismatch { index: MOTOR_SPEED, expected, found, .. }) => {
+                write!(f, "cannot be booted: it permits {found} rpm of its motor (0x6080), ")?;
+                write!(f, "the limits of the robot demand {expected} rpm")
+            }
             Self::BootFailed(step, reason) => write!(f, "cannot be booted: {step}: {reason}"),
             Self::Lost(reason) => write!(f, "is lost: {reason}"),
         }
@@ -147,6 +156,7 @@ impl fmt::Display for Trouble {
                 write!(f, ", statusword 0x{statusword:04X} ({})", StatusBits(statusword))
             }
             Self::NoTarget => f.write_str("does not take its target"),
+            Self::Brake => f.write_str("does not release its brake: bit 0 of 0x60FE:1 is not read back as 0"),
             Self::NotFollowing(NotFollowing { target, measured }, unit) => {
                 write!(f, "does not take its target: {measured:.2} instead of {target:.2} {unit}")
             }
@@ -275,6 +285,8 @@ pub(super) struct Drive {
     shown: bool,
     /// Current, torque and temperature.
     motor: MotorWatch,
+    /// Its holding brake, if this driver switches that.
+    brake: Option<Brake>,
 }
 
 impl Drive {
@@ -306,12 +318,72 @@ impl Drive {
             unanswered: 0,
             shown: false,
             motor: MotorWatch::new(node, &table.motor),
+            brake: None,
         }
     }
 
     /// Its node.
     pub(super) fn at(&self) -> NodeAt {
         NodeAt { bus: self.bus, id: self.node }
+    }
+
+    /// With a holding brake that this driver switches.
+    pub(super) fn with_brake(self, brake: Option<Brake>) -> Self {
+        Self { brake, ..self }
+    }
+
+    /// True if no brake holds the axis, as far as this driver switches it.
+    pub(super) fn is_free(&self) -> bool {
+        self.brake.as_ref().is_none_or(Brake::is_free)
+    }
+
+    /// The goal, as long as the brake permits it: an axis that has torque keeps it until its brake is set.
+    pub(super) fn held_until_braked(&self, goal: Goal) -> Goal {
+        let has_torque = matches!(self.axis.state(), Some(PowerState::OperationEnabled | PowerState::QuickStopActive));
+        let awaits = self.brake.as_ref().is_some_and(|brake| !brake.is_set()) && has_torque && self.booted;
+        if goal == Goal::Disabled && awaits { Goal::QuickStop } else { goal }
+    }
+
+    /// Switches the brake; `goal`: of the axis, `stands`: it is known to stand.
+    pub(super) fn advance_brake(
+        &mut self,
+        now: Instant,
+        goal: Goal,
+        stands: bool,
+        master: &mut Master,
+        out: &mut Actions,
+    ) {
+        let Some(brake) = &mut self.brake else { return };
+        let state = self.axis.state();
+        let has_torque = matches!(
+            state,
+            Some(PowerState::OperationEnabled | PowerState::QuickStopActive | PowerState::FaultReactionActive)
+        );
+        let wheel = match goal {
+            Goal::Enabled if state == Some(PowerState::OperationEnabled) => Wheel::Moves,
+            Goal::Disabled if stands => Wheel::Rests,
+            _ if stands && state.is_some() && !has_torque => Wheel::Rests,
+            _ => Wheel::Other,
+        };
+        if !brake.advance(now, self.booted, wheel, master) {
+            return;
+        }
+        match wheel {
+            Wheel::Moves => {
+                let why = Trouble::Brake;
+                self.alarm(format!("{} drive (node {}) {why}: the robot stops", self.name, self.node), out);
+                self.block_until_stopped(now, why);
+            }
+            _ => out.say(
+                Level::Warning,
+                format!("{} drive (node {}): its brake (0x60FE:1) is not known to be set", self.name, self.node),
+            ),
+        }
+    }
+
+    /// A transfer has ended; false if it is not one of the brake.
+    pub(super) fn on_brake(&mut self, now: Instant, ticket: Ticket, result: Result<&[u8], sdo::Error>) -> bool {
+        self.brake.as_mut().is_some_and(|brake| brake.on_sdo(now, ticket, result))
     }
 
     pub(super) fn is_booted(&self) -> bool {
@@ -720,6 +792,11 @@ impl Drive {
         }
     }
 
+    /// The next command is sent although it is the last one: the drive awaits one each period.
+    pub(super) fn send_again(&mut self) {
+        self.sent = None;
+    }
+
     /// Quick stop of a drive that is not booted, by the PDO `rpdo` and its `data`. It may still carry out its
     /// last command: after a restart of this module, or a bus failure shorter than the drive's timeout, it receives our
     /// heartbeat again. To be called after every event, and sent before all other frames: a reset of its communication
@@ -822,6 +899,7 @@ impl Drive {
         if self.is_at_rest() {
             due.clear(Timer::Repeat);
         }
-        earliest([self.axis.poll_timeout(), due.next(), self.mode.poll_timeout()])
+        let brake = self.brake.as_ref().and_then(Brake::poll_timeout).filter(|_| self.booted);
+        earliest([self.axis.poll_timeout(), due.next(), self.mode.poll_timeout(), brake])
     }
 }

@@ -223,10 +223,15 @@ impl Propulsion {
         is_powered && (self.speed.is_nan() || self.speed.abs() >= STANDSTILL_MPS)
     }
 
-    /// Drives at `speed`, m/s.
+    /// True if no brake holds it, as far as this driver switches it.
+    fn is_free(&self) -> bool {
+        self.servo().is_none_or(|servo| servo.drive.is_free())
+    }
+
+    /// Drives at `speed`, m/s, as soon as its brake is released.
     pub(super) fn drive(&mut self, speed: f64) {
         self.goal = Goal::Enabled;
-        self.set_target(speed);
+        self.set_target(if self.is_free() { speed } else { 0.0 });
     }
 
     /// Stops by the quick stop ramp and stays stopped.
@@ -265,7 +270,7 @@ impl Propulsion {
             self.on_lost();
         }
         match &mut self.motor {
-            Motor::Canopen(servo) => servo.advance(now, goal, self.cut, master, out),
+            Motor::Canopen(servo) => servo.advance(now, (goal, self.cut), self.speed, master, out),
             Motor::Controller(controller) => controller.advance(now, goal, self.speed, out),
         }
     }
@@ -277,7 +282,7 @@ impl Propulsion {
 
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
         let of_motor = match &self.motor {
-            Motor::Canopen(servo) => servo.drive.poll_timeout(),
+            Motor::Canopen(servo) => servo.poll_timeout(),
             Motor::Controller(controller) => controller.poll_timeout(),
         };
         earliest([of_motor, self.watch.unwatched])
@@ -308,7 +313,7 @@ impl Propulsion {
 
     pub(super) fn is_enabled(&self) -> bool {
         match &self.motor {
-            Motor::Canopen(servo) => servo.drive.axis.is_enabled(),
+            Motor::Canopen(servo) => servo.drive.axis.is_enabled() && servo.drive.is_free(),
             Motor::Controller(controller) => controller.is_enabled(),
         }
     }

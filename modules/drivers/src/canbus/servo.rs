@@ -2,9 +2,10 @@
 
 use super::cia402::Wanted;
 use super::drive::Drive;
-use super::{Config, ConfigError, PropulsionConfig, PropulsionDrive};
+use super::ramp::Ramp;
+use super::{Config, ConfigError, PropulsionConfig, PropulsionDrive, STANDSTILL_MPS};
 use base::can::Frame;
-use base::{Duration, Instant};
+use base::{Duration, Instant, earliest};
 use canopen::axis::modes::Mode;
 use canopen::axis::{Goal, PowerState, Units, control};
 use canopen::drives::cia402::{Parameters, Status, Table};
@@ -37,6 +38,8 @@ pub(super) struct Servo {
     turns: f64,
     /// Target velocity in the drive's unit.
     target: i32,
+    /// The way to the target, of a drive that has no ramp in its mode.
+    ramp: Option<Ramp>,
     /// Torque, per mille of the rated one, and when it was received.
     torque: Option<(i16, Instant)>,
 }
@@ -45,6 +48,7 @@ impl Servo {
     /// `None`: the drive is no CANopen node.
     pub(super) fn new(own: &PropulsionConfig, config: &Config) -> Result<Option<Self>, ConfigError> {
         let limits = &config.limits;
+        let mut brake = None;
         let (table, parameters, units, turns, reservations) = match &own.drive {
             PropulsionDrive::Table { table, units_per_mps } => {
                 let (parameters, units) = by_table(own.node, *units_per_mps, table.velocity_max, limits);
@@ -57,10 +61,11 @@ impl Servo {
                 (table.table.clone(), parameters, units, units_per_mps / table.units_per_turn, Vec::new())
             }
             PropulsionDrive::Cia402 { drive, circumference } => {
+                brake = drive.brake(own.axis, own.node)?;
                 let wanted = Wanted {
                     axis: own.axis,
                     node: own.node,
-                    mode: Mode::ProfileVelocity,
+                    mode: drive.mode(own.axis, own.node),
                     per_turn: *circumference,
                     limits: derive::Limits {
                         velocity: limits.speed_mps,
@@ -76,8 +81,11 @@ impl Servo {
             }
             PropulsionDrive::Controller(_) | PropulsionDrive::OnLine { .. } => return Ok(None),
         };
-        let drive = Drive::new(own.axis.name(), own.node, &table, reservations);
-        Ok(Some(Self { drive, table, parameters, units, turns, target: 0, torque: None }))
+        let drive = Drive::new(own.axis.name(), own.node, &table, reservations).with_brake(brake);
+        let cyclic = table.mode == Mode::CyclicVelocity;
+        let ramp = cyclic
+            .then(|| Ramp::new(config.sync_and_master(own.axis).0, limits.acceleration_mps2, limits.deceleration_mps2));
+        Ok(Some(Self { drive, table, parameters, units, turns, target: 0, ramp, torque: None }))
     }
 
     pub(super) fn node_config(&self) -> NodeConfig {
@@ -122,14 +130,46 @@ impl Servo {
     }
 
     /// `cut`: the power stage is switched off at once, from any state and without a ramp, by which the drive would go
-    /// on.
-    pub(super) fn advance(&mut self, now: Instant, goal: Goal, cut: bool, master: &mut Master, out: &mut Actions) {
+    /// on. `speed`: measured, m/s, NaN if unknown.
+    pub(super) fn advance(
+        &mut self,
+        now: Instant,
+        (goal, cut): (Goal, bool),
+        speed: f64,
+        master: &mut Master,
+        out: &mut Actions,
+    ) {
+        let stands = speed.abs() < STANDSTILL_MPS && self.drive.is_known(now);
+        self.drive.advance_brake(now, goal, stands, master, out);
+        let goal = if cut { goal } else { self.drive.held_until_braked(goal) };
         self.drive.set_goal(now, goal);
         self.drive.handle_timeout(now, out);
         self.drive.expect_mode(now, Some(self.table.mode.code()), master);
         let controlword = if cut { control::DISABLE_VOLTAGE } else { self.drive.axis.controlword() };
-        let data = self.table.pack(controlword, self.target);
+        let setpoint = self.setpoint(now, goal, speed, master);
+        let data = self.table.pack(controlword, setpoint);
         self.drive.send(now, master, self.table.rpdo.number, data);
+    }
+
+    /// The set-point that is sent, in the drive's unit: the target, or where its drive has no ramp the next one on the
+    /// way there. A drive that is enabled while its wheel rolls is not braked at once by a set-point of 0.
+    fn setpoint(&mut self, now: Instant, goal: Goal, speed: f64, master: &Master) -> i32 {
+        let Some(ramp) = &mut self.ramp else { return self.target };
+        let enabled = self.drive.is_booted() && self.drive.axis.state() == Some(PowerState::OperationEnabled);
+        match goal {
+            Goal::Enabled if enabled => {
+                if ramp.advance(now, self.units.velocity_si(self.target), master.next_sync()) {
+                    self.drive.send_again();
+                }
+            }
+            Goal::Enabled => ramp.begin(if speed.abs() < STANDSTILL_MPS || speed.is_nan() { 0.0 } else { speed }),
+            Goal::QuickStop | Goal::Disabled => ramp.begin(0.0),
+        }
+        self.units.velocity(ramp.setpoint())
+    }
+
+    pub(super) fn poll_timeout(&self) -> Option<Instant> {
+        earliest([self.drive.poll_timeout(), self.ramp.as_ref().and_then(Ramp::poll_timeout)])
     }
 
     /// [`Drive::blind_stop`] by the quick stop ramp.

@@ -2,16 +2,17 @@
 
 use super::cia402::{Cia402, VelocityUnit, Wanted};
 use super::drive::{Drive, Trouble};
+use super::ramp::Glide;
 use super::reference::ReferenceCheck;
 use super::table::DriveTable;
-use super::{Config, ConfigError, SteeringConfig, SteeringDrive};
+use super::{Axis, Config, ConfigError, SteeringConfig, SteeringDrive};
 use base::can::Frame;
 use base::{Duration, Fault, Instant, Severity, earliest};
 use canopen::axis::modes::Mode;
 use canopen::axis::modes::hm::{Homing, HomingConfig, HomingError};
 use canopen::axis::modes::pp::{Setpoint, SetpointEvent};
 use canopen::axis::modes::switch::Access;
-use canopen::axis::{Goal, Reach, ReachConfig, Units};
+use canopen::axis::{Goal, Reach, ReachConfig, Units, control};
 use canopen::drives::cia402::{Parameters, Table};
 use canopen::drives::derive::{self, Reason, Refusal};
 use canopen::master::Ticket;
@@ -119,6 +120,8 @@ pub(super) struct Steering {
     again: Option<Access>,
     unanswered: u8,
     setpoint: Setpoint,
+    /// The way to the target, of a drive that has no profile in its mode.
+    glide: Option<Glide>,
     /// Measured position, counts.
     position: Option<i32>,
     /// Measured since it was compared with the target.
@@ -134,6 +137,10 @@ impl Steering {
             }
             SteeringDrive::Cia402(drive) => by_sheet(drive, own, config)?,
         };
+        let speed = f64::from(units.position(own.speed)).abs();
+        let period = config.sync_and_master(Axis::Steering).0;
+        let period = period.filter(|_| matches!(table.mode, Mode::CyclicPosition | Mode::Interpolated));
+        let glide = period.map(|period| Glide::new(period, speed, speed / RAMP_S));
         let stands_max = (!config.odometry).then_some(STANDS_MAX);
         let config = own.clone();
         let homing = HomingConfig {
@@ -165,6 +172,7 @@ impl Steering {
             again: None,
             unanswered: 0,
             setpoint: Setpoint::new(ACKNOWLEDGE_TIMEOUT),
+            glide,
             position: None,
             measured: false,
             reach,
@@ -199,7 +207,7 @@ impl Steering {
         self.drive.on_statusword(now, statusword, out);
         if self.homing.is_running() {
             self.homing.handle_statusword(now, statusword);
-        } else {
+        } else if self.glide.is_none() {
             self.setpoint.handle_statusword(now, statusword);
         }
     }
@@ -294,7 +302,7 @@ impl Steering {
 
     /// [`Drive::blind_stop`] at the current angle; the drive keeps its reference.
     pub(super) fn blind_stop(&mut self, now: Instant, bus_is_up: bool) -> Option<Frame> {
-        let data = self.table.pack(self.table.quick_stop, 0);
+        let data = self.table.pack(self.table.quick_stop, self.glide.as_ref().map_or(0, Glide::setpoint));
         self.drive.blind_stop(now, bus_is_up, self.table.rpdo.number, &data)
     }
 
@@ -310,7 +318,7 @@ impl Steering {
         self.check_reference(now, master, out);
         self.advance_homing(now, master, out);
         self.drive.expect_mode(now, self.homing.mode(), master);
-        self.advance_setpoint(now, out);
+        self.advance_setpoint(now, master, out);
         self.watch(now, out);
         let data = self.command();
         self.drive.send(now, master, self.table.rpdo.number, data);
@@ -379,11 +387,14 @@ impl Steering {
         };
     }
 
-    fn advance_setpoint(&mut self, now: Instant, out: &mut Actions) {
+    fn advance_setpoint(&mut self, now: Instant, master: &Master, out: &mut Actions) {
         let ready = self.drive.axis.is_enabled() && !self.homing.is_running();
         if !ready {
             // Until the axis is enabled again the set-point follows the position, so that enabling moves nothing.
             self.setpoint.reset(self.position.unwrap_or(0));
+            if let (Some(glide), Some(position)) = (&mut self.glide, self.position) {
+                glide.begin(position);
+            }
             return;
         }
         let target = match (self.goal, &self.reference) {
@@ -391,7 +402,14 @@ impl Steering {
             (SteeringGoal::Home, Reference::Centering) if self.released => Some(0),
             _ => None,
         };
-        if let Some(target) = target {
+        if let Some(glide) = &mut self.glide {
+            if let Some(target) = target {
+                glide.set(target);
+            }
+            if glide.advance(master.next_sync()) {
+                self.drive.send_again();
+            }
+        } else if let Some(target) = target {
             self.setpoint.set(now, target);
         }
         self.setpoint.handle_timeout(now);
@@ -432,6 +450,9 @@ impl Steering {
             self.table.pack(controlword, position)
         } else if self.homing.is_running() {
             self.table.pack(controlword | self.homing.controlword_bits(), position)
+        } else if let Some(glide) = &self.glide {
+            let bits = if self.table.mode == Mode::Interpolated { control::ENABLE_IP } else { 0 };
+            self.table.pack(controlword | bits, glide.setpoint())
         } else {
             let (bits, target) = self.setpoint.command();
             self.table.pack(controlword | bits, target)
@@ -529,7 +550,7 @@ fn by_sheet(drive: &Cia402, own: &SteeringConfig, config: &Config) -> Result<Bui
     let wanted = Wanted {
         axis: super::Axis::Steering,
         node: own.node,
-        mode: Mode::ProfilePosition,
+        mode: drive.mode(super::Axis::Steering, own.node),
         per_turn: TAU,
         limits: derive::Limits {
             velocity: own.speed,

@@ -42,8 +42,9 @@ const STANDSTILL: f64 = 10.0 / 60.0;
 const POSITION_GAIN: f64 = 5.0;
 /// Objects that say what a unit is.
 const UNITS: [u16; 6] = [0x608F, 0x6091, 0x6092, 0x60A8, 0x60A9, 0x60AA];
-/// Windows: of the following error, of the position, of the velocity. The greatest value switches them off.
-const WINDOWS: [u16; 3] = [0x6065, 0x6067, 0x606D];
+/// Windows, of the following error, of the position, of the velocity, and the greatest speed of the motor. The greatest
+/// value switches them off.
+const WINDOWS: [u16; 4] = [0x6065, 0x6067, 0x606D, 0x6080];
 /// Least and greatest position.
 const RANGE: u16 = 0x607D;
 
@@ -70,6 +71,8 @@ pub struct Cia402Config {
     pub temperature: Option<Own>,
     /// Bit of the statusword that says that the position counts from home; 0: none.
     pub homed: u16,
+    /// A holding brake is on its brake output: spring-applied, so that it holds without the motor's feed, too.
+    pub brake: bool,
 }
 
 impl Cia402Config {
@@ -201,6 +204,8 @@ pub(crate) struct Cia402 {
     nmt: Option<NmtState>,
     /// The motor has its feed.
     fed: bool,
+    /// The brake output is that of its master (0x60FE:2), and sets the brake (0x60FE:1).
+    output: (bool, bool),
 }
 
 impl Cia402 {
@@ -211,7 +216,8 @@ impl Cia402 {
         let servo = Servo::new(servo_config(&config, scale), 0.0);
         let motor = MotorObjects::new(objects, config.current, config.temperature);
         let (mirror, sensed) = (Mirror::default(), Sensed::default());
-        let mut new = Self { config, stored, scale, gear, servo, mirror, sensed, motor, nmt: None, fed: true };
+        let output = (false, false);
+        let mut new = Self { config, stored, scale, gear, servo, mirror, sensed, motor, nmt: None, fed: true, output };
         new.restart(objects, body, reading);
         new
     }
@@ -237,6 +243,7 @@ impl Cia402 {
         self.sensed = self.sense(body, 0.0, reading);
         self.servo = Servo::new(servo_config(&self.config, self.scale), self.sensed.position);
         self.servo.configure(objects);
+        self.set_outputs(objects);
         self.motor.restart(objects);
         (self.mirror, self.nmt) = (Mirror::default(), None);
     }
@@ -295,10 +302,25 @@ impl Cia402 {
             let Config { velocity, acceleration, .. } = servo_config(&self.config, self.scale);
             self.servo.set_scale(velocity, acceleration);
         }
+        if index == 0x60FE {
+            self.set_outputs(objects);
+        }
         if matches!(index, 0x6075 | 0x6076) {
             self.motor.rate(objects);
         }
         self.servo.written(now, index, objects, &self.sensed).then_some(Emergency::NONE)
+    }
+
+    /// Bit 0 of the outputs sets the brake, where the mask has it, or there is none.
+    fn set_outputs(&mut self, objects: &Dictionary) {
+        let bit = |sub| objects.get(0x60FE, sub).map(|value| value & 1 != 0);
+        self.output = (bit(1).is_some() && bit(2).unwrap_or(true), bit(1) == Some(true));
+    }
+
+    /// True if the brake holds: by the output, where that is the master's; else without power. Always without the feed.
+    fn is_braked(&self) -> bool {
+        let (by_master, set) = self.output;
+        self.config.brake && (!self.fed || if by_master { set } else { !self.servo.is_powered() })
     }
 
     /// True if time alone changes nothing.
@@ -308,7 +330,11 @@ impl Cia402 {
 
     /// Goes on by `dt` s; answers the demanded speed, m/s, or angle, rad; none with the power stage off.
     pub fn step(&mut self, now: Instant, body: &Body, dt: f64) -> Option<f64> {
-        let demand = self.servo.step(now, &self.sensed, dt)?;
+        let demand = self.servo.step(now, &self.sensed, dt);
+        if self.is_braked() {
+            return Some(0.0).filter(|_| matches!(self.config.axis, Axis::Wheel(_)));
+        }
+        let demand = demand?;
         let counts = self.counts(body);
         let aim = if self.loops_speed() { self.sensed.position } else { demand.demand };
         Some(match self.config.axis {

@@ -45,7 +45,9 @@ impl Settings {
         let get = |index, sub| objects.get(index, sub).map(|value| value as f64);
         let rate = |index, sub, factor: f64| get(index, sub).map(|value| value.max(1.0) * factor);
         let window = |index| get(index, 0).filter(|window| *window < f64::from(u32::MAX)).unwrap_or(f64::INFINITY);
-        let max_speed = rate(0x607F, 0, config.velocity).unwrap_or(f64::INFINITY);
+        // In 1/min of the motor, whatever the other units.
+        let of_motor = get(0x6080, 0).map_or(f64::INFINITY, |rpm| rpm.max(0.0) / 60.0 * config.index);
+        let max_speed = rate(0x607F, 0, config.velocity).unwrap_or(f64::INFINITY).min(of_motor);
         let acceleration = rate(0x6083, 0, config.acceleration).unwrap_or(config.hardest);
         let deceleration = rate(0x6084, 0, config.acceleration).unwrap_or(acceleration);
         let millis = |index| Duration::from_millis(objects.get(index, 0).unwrap_or(0).max(0) as u64);

@@ -47,6 +47,9 @@ pub struct Quirks {
     pub vouched: Vec<u16>,
     /// What the drive must be; without vendor and product (0x1018:1 and 2) those of its data sheet, where it has them.
     pub identity: Vec<Expect>,
+    /// Greatest speed that motor and gear can bear, 1/min: written to 0x6080 where that can be written. Absent: what
+    /// the drive has there must permit the speed of the limits.
+    pub motor_rpm_max: Option<u32>,
     /// Object of the motor's current, and its unit; absent: 0x6078, per mille of 0x6075.
     pub current: Option<Own>,
     /// Object of a temperature, and its unit; absent: none, CiA 402 has no such object.
@@ -56,7 +59,8 @@ pub struct Quirks {
 /// An axis and its drive.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Description {
-    /// Mode in which it is driven: profile velocity or position, cyclic synchronous velocity or position.
+    /// Mode in which it is driven: profile velocity or position, cyclic synchronous velocity or position, interpolated
+    /// position.
     pub mode: Mode,
     /// What a turn of the output is: its circumference in m, or 2π rad.
     pub per_turn: f64,
@@ -74,6 +78,8 @@ pub struct Description {
     pub homing: Option<i8>,
     /// Period of SYNC.
     pub sync: Option<Duration>,
+    /// Period of the set-points in cyclic synchronous velocity on a bus without SYNC; absent: that mode needs SYNC.
+    pub setpoints: Option<Duration>,
     /// Node id of the master.
     pub master: u8,
     /// True if the torque is wanted in a TPDO, where the drive can send it: wheels can work against each other.

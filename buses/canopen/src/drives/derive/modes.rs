@@ -1,5 +1,6 @@
 //! What a drive can do: its modes, and its homing.
 
+use super::description::Description;
 use super::draft::Draft;
 use super::refusal::{Reason, Refusal};
 use super::sheet::Sheet;
@@ -7,6 +8,10 @@ use crate::axis::modes::Mode;
 use crate::axis::modes::cyclic::interpolation_period;
 use crate::dictionary::DataType;
 use alloc::vec::Vec;
+use base::Duration;
+
+/// Longest period of SYNC at which set-points are commanded.
+const SYNC_MAX: Duration = Duration::from_millis(20);
 
 /// Modes of a drive in the form of 0x6502, as its sheet states them, else by the objects that it has; true if stated.
 pub(super) fn offered(sheet: Sheet<'_>) -> (u32, bool) {
@@ -30,6 +35,7 @@ pub(super) const fn objects(mode: Mode) -> Option<(u32, u32)> {
     match mode {
         Mode::ProfileVelocity | Mode::CyclicVelocity => Some((0x60FF_0020, 0x606C_0020)),
         Mode::ProfilePosition | Mode::CyclicPosition => Some((0x607A_0020, 0x6064_0020)),
+        Mode::Interpolated => Some((0x60C1_0120, 0x6064_0020)),
         _ => None,
     }
 }
@@ -52,21 +58,58 @@ pub(super) fn mode(draft: &mut Draft<'_>) -> Result<(u32, u32), Refusal> {
     sheet.typed(0x6041, 0, DataType::U16)?;
     sheet.typed(0x6061, 0, DataType::I8)?;
     for entry in [target, value] {
-        sheet.typed((entry >> 16) as u16, 0, DataType::I32)?;
+        sheet.typed((entry >> 16) as u16, (entry >> 8) as u8, DataType::I32)?;
     }
     Ok((target, value))
 }
 
-/// The period of set-points at SYNC, for the modes that have one.
+/// The mode in which a wheel is driven if nobody says it: profile velocity, else cyclic synchronous velocity where the
+/// drive offers that.
+pub(super) fn of_velocity(sheet: Sheet<'_>) -> Mode {
+    first_of(sheet, Mode::ProfileVelocity, &[Mode::CyclicVelocity])
+}
+
+/// The same of a steering: profile position, else cyclic synchronous or interpolated position.
+pub(super) fn of_position(sheet: Sheet<'_>) -> Mode {
+    first_of(sheet, Mode::ProfilePosition, &[Mode::CyclicPosition, Mode::Interpolated])
+}
+
+/// `usual`, unless only others are offered: then the first of them.
+fn first_of(sheet: Sheet<'_>, usual: Mode, others: &[Mode]) -> Mode {
+    let (offered, _) = offered(sheet);
+    let other = others.iter().copied().find(|mode| mode.is_supported(offered));
+    other.filter(|_| !usual.is_supported(offered)).unwrap_or(usual)
+}
+
+/// The period of set-points, for the modes that have one. A velocity may come without SYNC, at a period of its own; a
+/// command that waits for a slow SYNC would stop the drive late.
 pub(super) fn period(draft: &mut Draft<'_>) -> Result<(), Refusal> {
-    if !matches!(draft.description.mode, Mode::CyclicVelocity | Mode::CyclicPosition) {
-        return Ok(());
+    let Description { mode, sync, setpoints, .. } = *draft.description;
+    let period = match mode {
+        Mode::CyclicPosition | Mode::Interpolated => sync,
+        Mode::CyclicVelocity => sync.or(setpoints),
+        _ => return Ok(()),
+    };
+    if let Some(slow) = sync.filter(|sync| *sync > SYNC_MAX) {
+        let micros = |period: Duration| (period.as_nanos() / 1000) as i64;
+        let reason = Reason::OutOfLimits { value: micros(slow), low: 1000, high: micros(SYNC_MAX) };
+        return Err(Refusal::new(0x1006, 0, reason));
     }
-    let period = draft.description.sync.and_then(interpolation_period);
+    let period = period.and_then(|period| whole_millis(period).or_else(|| interpolation_period(period)));
     let (mantissa, exponent) = period.ok_or(Refusal::new(0x1006, 0, Reason::NoSync))?;
+    if mode == Mode::Interpolated {
+        // Along a line.
+        draft.set_where_there(0x60C0, 0, 0);
+    }
     draft.set_where_there(0x60C2, 1, mantissa.into());
     draft.set_where_there(0x60C2, 2, exponent.into());
     Ok(())
+}
+
+/// A period in ms, the exponent that most drives have, where it can be had so.
+fn whole_millis(period: Duration) -> Option<(u8, i8)> {
+    let millis = u8::try_from(period.as_millis()).ok().filter(|millis| *millis > 0)?;
+    (Duration::from_millis(millis.into()) == period).then_some((millis, -3))
 }
 
 /// The homing methods that the sheet lists (0x60E3); `None`: it lists none.

@@ -43,7 +43,8 @@ struct Side<'a> {
 pub(super) fn pdos(draft: &mut Draft<'_>, target: u32, value: u32) -> Result<Pdos, Refusal> {
     let (sheet, mode) = (draft.sheet, draft.description.mode);
     let kinds: &[u8] = match mode {
-        Mode::CyclicVelocity | Mode::CyclicPosition => &[1],
+        Mode::CyclicPosition | Mode::Interpolated => &[1],
+        Mode::CyclicVelocity if draft.description.sync.is_some() => &[1, 255, 254],
         _ => &EVENT,
     };
     // A mode in the RPDO would hinder homing, which changes it.

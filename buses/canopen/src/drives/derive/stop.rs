@@ -19,7 +19,7 @@ const fn codes(index: u16, min: u32, max: u32) -> Expect {
 
 /// Sets the ramps, and how commands and faults stop the drive; true if quick stop is kept.
 pub(super) fn stops(draft: &mut Draft<'_>) -> Result<bool, Refusal> {
-    let cyclic = matches!(draft.description.mode, Mode::CyclicVelocity | Mode::CyclicPosition);
+    let cyclic = matches!(draft.description.mode, Mode::CyclicVelocity | Mode::CyclicPosition | Mode::Interpolated);
     for (index, ramp) in [(0x6083, Quantity::Acceleration), (0x6084, Quantity::Deceleration)] {
         match draft.set(index, 0, ramp) {
             // Set-points at SYNC have no ramp.

@@ -8,7 +8,7 @@ use crate::pdo::INVALID;
 use ::testing::Random;
 use base::Duration;
 use std::string::{String, ToString};
-use std::{assert_eq, format};
+use std::{assert_eq, format, vec};
 
 const NODE: u8 = 5;
 const GENERIC: &str = include_str!("../../../eds/others/ros2_cia402_slave.eds");
@@ -27,6 +27,7 @@ fn wheel() -> Description {
         range: None,
         homing: None,
         sync: None,
+        setpoints: None,
         master: 127,
         torque: false,
         second_way: false,
@@ -482,4 +483,102 @@ fn a_current_without_a_rated_one_is_not_taken_for_per_mille() {
     let eds = Eds::parse(EPOS.as_bytes()).unwrap();
     let derived = derive(&eds, NODE, &Description { second_way: true, ..wheel() }).unwrap();
     assert!(derived.table.motor.is_empty(), "0x6078 of the EPOS is in mA, and it has no 0x6075");
+}
+
+#[test]
+fn the_greatest_speed_of_the_motor_is_compared_or_written() {
+    // 1 m/s, 20 turns of the motor in 0.5 m: 2400 rpm.
+    let with_motor = |access: &str| {
+        GENERIC.to_string()
+            + &format!("\n[6080]\nParameterName=x\nObjectType=7\nDataType=7\nAccessType={access}\nHighLimit=5000\n")
+    };
+    let given = |motor_rpm_max| {
+        let quirks = Quirks { motor_rpm_max, ..Quirks::default() };
+        move |gear: f64| Description { quirks: quirks.clone(), gear: Some(gear), ..wheel() }
+    };
+    let compared = |derived: &Derived| derived.table.identity.iter().find(|own| own.index == 0x6080).copied();
+    let as_it_is = derived(&with_motor("rw"), &given(None)(20.0)).unwrap();
+    assert_eq!(compared(&as_it_is), Some(Expect::at_least(0x6080, 0, 2400)));
+    assert_eq!(written(&as_it_is, 0x6080, 0), None);
+    // The direction of the gear does not matter, and a part of a turn per minute is needed whole.
+    assert_eq!(compared(&derived(&with_motor("rw"), &given(None)(-20.001)).unwrap()).unwrap().min, 2401);
+    let set = derived(&with_motor("rw"), &given(Some(3000))(20.0)).unwrap();
+    assert_eq!((compared(&set), written(&set, 0x6080, 0)), (None, Some(3000)));
+    // As far as the drive takes it; what it does not take is refused.
+    assert_eq!(written(&derived(&with_motor("rw"), &given(Some(9000))(20.0)).unwrap(), 0x6080, 0), Some(5000));
+    let reason = Reason::OutOfLimits { value: 6000, low: 0, high: 5000 };
+    let refusal = derived(&with_motor("rw"), &given(Some(9000))(50.0)).unwrap_err();
+    assert_eq!(refusal, Refusal { index: 0x6080, sub: 0, reason });
+    // One that cannot be written is compared in any case; one that cannot be read either is not.
+    let fixed = derived(&with_motor("ro"), &given(Some(3000))(20.0)).unwrap();
+    assert_eq!((compared(&fixed).map(|own| own.min), written(&fixed, 0x6080, 0)), (Some(2400), None));
+    assert_eq!(compared(&derived(&with_motor("wo"), &given(None)(20.0)).unwrap()), None);
+    assert_eq!(compared(&derived(GENERIC, &given(None)(20.0)).unwrap()), None);
+}
+
+#[test]
+fn a_velocity_may_be_commanded_in_a_period_with_sync_or_without() {
+    // It has modes 1, 3, 6 and 8; then 9 in place of 3.
+    let only_cyclic = with(GENERIC, "6502", "DefaultValue", "0x1A1");
+    let mode = |text: &str| velocity_mode(&read(text), NODE);
+    assert_eq!([mode(GENERIC), mode(&only_cyclic)], [Mode::ProfileVelocity, Mode::CyclicVelocity]);
+    let both = with(GENERIC, "6502", "DefaultValue", "0x1A5");
+    assert_eq!(mode(&both), Mode::ProfileVelocity);
+    // One that has neither is refused in the usual mode.
+    assert_eq!(mode(&with(GENERIC, "6502", "DefaultValue", "0x21")), Mode::ProfileVelocity);
+
+    let ms = Duration::from_millis;
+    let cyclic = |sync, setpoints| Description { mode: Mode::CyclicVelocity, sync, setpoints, ..wheel() };
+    let kinds = |derived: &Derived| {
+        let node = derived.table.node_config("drive", &derived.parameters);
+        node.mappings.iter().map(|pdo| pdo.kind).collect::<Vec<_>>()
+    };
+    let own = derived(&only_cyclic, &cyclic(None, Some(ms(20)))).unwrap();
+    assert_eq!((kinds(&own), written(&own, 0x6060, 0)), ([255, 255].into(), Some(9)));
+    assert!(own.table.identity.contains(&Mode::expect(&[Mode::CyclicVelocity])));
+    let at_sync = derived(&only_cyclic, &cyclic(Some(ms(10)), Some(ms(20)))).unwrap();
+    assert_eq!(kinds(&at_sync), [1, 1]);
+    // One that takes no other than a PDO at an event gets that.
+    let events = with(&only_cyclic, "1403sub2", "LowLimit", "254");
+    assert_eq!(kinds(&derived(&events, &cyclic(Some(ms(10)), None)).unwrap()), [255, 1]);
+
+    // A stop must not wait for a slow SYNC.
+    let reason = Reason::OutOfLimits { value: 20_001, low: 1000, high: 20_000 };
+    let refusal = derived(&only_cyclic, &cyclic(Some(Duration::from_micros(20_001)), None)).unwrap_err();
+    assert_eq!(refusal, Refusal { index: 0x1006, sub: 0, reason });
+    let refusal = derived(&only_cyclic, &cyclic(None, None)).unwrap_err();
+    assert_eq!(refusal, Refusal { index: 0x1006, sub: 0, reason: Reason::NoSync });
+
+    // The period is written in ms, where it is that.
+    let periods = "\n[60C2]\nParameterName=x\nObjectType=9\nSubNumber=3\n".to_string()
+        + "[60C2sub1]\nParameterName=x\nObjectType=7\nDataType=5\nAccessType=rw\n"
+        + "[60C2sub2]\nParameterName=x\nObjectType=7\nDataType=2\nAccessType=rw\n";
+    let with_periods = without(&only_cyclic, "60C2") + &periods;
+    for (sync, expected) in [(Some(ms(10)), (10, 0xFD)), (None, (20, 0xFD)), (Some(ms(5) / 2), (25, 0xFC))] {
+        let derived = derived(&with_periods, &cyclic(sync, Some(ms(20)))).unwrap();
+        let parts = [1, 2].map(|sub| written(&derived, 0x60C2, sub));
+        assert_eq!(parts, [Some(expected.0), Some(expected.1)], "{sync:?}");
+    }
+}
+
+#[test]
+fn a_position_may_be_interpolated() {
+    let objects = "\n[60C1]\nParameterName=x\nObjectType=9\nSubNumber=2\n".to_string()
+        + "[60C1sub1]\nParameterName=x\nObjectType=7\nDataType=4\nAccessType=rw\nPDOMapping=1\n"
+        + "[60C0]\nParameterName=x\nObjectType=7\nDataType=3\nAccessType=rw\n";
+    let text = with(&(GENERIC.to_string() + &objects), "6502", "DefaultValue", "0x64");
+    assert_eq!(position_mode(&read(&text), NODE), Mode::Interpolated);
+    let cyclic = with(&text, "6502", "DefaultValue", "0xE4");
+    assert_eq!(position_mode(&read(&cyclic), NODE), Mode::CyclicPosition);
+    assert_eq!(position_mode(&read(GENERIC), NODE), Mode::ProfilePosition);
+
+    let wanted = |sync| Description { mode: Mode::Interpolated, sync, ..steering() };
+    let own = derived(&text, &wanted(Some(Duration::from_millis(10)))).unwrap();
+    assert_eq!((own.table.rpdo.entries.to_vec(), own.table.rpdo.adjust), (vec![0x6040_0010, 0x60C1_0120], true));
+    assert_eq!((written(&own, 0x60C0, 0), written(&own, 0x6060, 0)), (Some(0), Some(7)));
+    assert_eq!(own.table.pack(0x1F, -2)[..], [0x1F, 0, 0xFE, 0xFF, 0xFF, 0xFF]);
+    let refusal = derived(&text, &wanted(None)).unwrap_err();
+    assert_eq!(refusal, Refusal { index: 0x1006, sub: 0, reason: Reason::NoSync });
+    let refusal = derived(&with(&text, "60C1sub1", "DataType", "3"), &wanted(None)).unwrap_err();
+    assert_eq!(refusal, Refusal { index: 0x60C1, sub: 1, reason: Reason::Type });
 }

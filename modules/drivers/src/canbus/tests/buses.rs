@@ -24,7 +24,7 @@ fn two(further: impl FnOnce(&mut FurtherBus), stop: Stop) -> Config {
         axes: vec![Axis::Right],
     };
     further(&mut second);
-    let drive = PropulsionDrive::Epos { rpm_per_mps: 2483.0 };
+    let drive = epos_with(2483.0);
     let wheel = |axis| PropulsionConfig { axis, node: 1, drive: drive.clone(), writable: Vec::new() };
     let layout = Layout::Differential(Differential { track_m: 0.42 });
     Config {

@@ -1,8 +1,11 @@
 //! Drives by their data sheets alone: a wheel's DCF and a steering's EDS of other makers.
 
-use super::super::{Axis, Cia402, Cia402Config, ConfigError, PropulsionDrive, SteeringDrive, VelocityUnit};
+use super::super::{
+    Axis, BrakeControl, Cia402, Cia402Config, ConfigError, PropulsionDrive, SteeringDrive, VelocityUnit,
+};
 use super::*;
 use canopen::axis::status;
+use canopen::dictionary::{Access, DataType, Entry};
 use canopen::drives::derive::{Reason, Refusal};
 use canopen::eds::Eds;
 use settings::Section as _;
@@ -15,7 +18,11 @@ const EPOS: &[u8] = include_bytes!("../../../../../buses/canopen/eds/epos_sim.ed
 const CIRCUMFERENCE: f64 = 0.6283;
 
 fn drive(sheet: &[u8], keys: Cia402Config) -> Cia402 {
-    Cia402 { keys, sheet: Some(Arc::new(Eds::parse(sheet).unwrap())) }
+    Cia402 { keys, sheet: Some(Arc::new(Eds::parse(sheet).unwrap())), motor_rpm_max: None }
+}
+
+fn without_sheet() -> Cia402 {
+    Cia402 { keys: Cia402Config::usual(), sheet: None, motor_rpm_max: None }
 }
 
 fn wheel(sheet: &[u8], keys: Cia402Config) -> PropulsionDrive {
@@ -106,6 +113,185 @@ fn a_drive_that_does_not_stop_by_itself_needs_a_second_way_or_its_manual() {
     assert_eq!(told.len(), 3, "{:?}", robot.notes);
     let mut without = by_sheets();
     without.wheels[0].drive =
-        PropulsionDrive::Cia402 { drive: Cia402 { keys, sheet: None }, circumference: CIRCUMFERENCE };
+        PropulsionDrive::Cia402 { drive: Cia402 { keys, ..without_sheet() }, circumference: CIRCUMFERENCE };
     assert!(matches!(Canbus::new(without).err(), Some(ConfigError::NoSheet(Axis::Propulsion))));
+}
+
+/// A drive that permits less than the limits demand would bound the speed in silence.
+#[test]
+fn the_speed_that_a_drive_permits_its_motor_is_compared_at_each_boot_up_or_written() {
+    let permits = |rpm| {
+        let stored = Entry::new(0x6080, 0, DataType::U32, Access::ReadWrite, rpm);
+        Eds::parse(EPOS4).unwrap().dictionary(1).with(&[stored])
+    };
+    let boots = |robot: &mut Robot| {
+        robot.pass(3000);
+        let refused = robot.errors.iter().any(|(fault, _)| *fault == Fault::DriveMismatch);
+        (robot.motion().homed, refused)
+    };
+    // 1.2 m/s, 26 turns of the motor in 0.6283 m: 2979.5 rpm.
+    let mut slow = Robot::with(permits(2979), by_sheets());
+    assert_eq!(boots(&mut slow), (false, true));
+    let words = "permits 2979 rpm of its motor (0x6080), the limits of the robot demand 2980 rpm";
+    assert!(slow.reason().contains(words), "{}", slow.reason());
+    assert_eq!(boots(&mut Robot::with(permits(2980), by_sheets())), (true, false));
+
+    let mut config = by_sheets();
+    let PropulsionDrive::Cia402 { drive, .. } = &mut config.wheels[0].drive else { panic!() };
+    drive.motor_rpm_max = Some(3000.7);
+    let mut written = Robot::with(permits(1300), config);
+    assert_eq!(boots(&mut written), (true, false));
+    assert_eq!(written.epos.node.get(0x6080, 0), Some(3000));
+    // It is read back like the ramps.
+    written.epos.node.set(0x6080, 0, 100);
+    written.pass(11_000);
+    assert_eq!(written.epos.node.get(0x6080, 0), Some(3000));
+}
+
+/// The wheel's brake is on the output of its drive, and needs 300 ms; `objects`: what is stored in the device.
+fn braked(objects: &[Entry], mask: bool) -> Robot {
+    let release = Duration::from_millis(300);
+    let mut text = String::from_utf8_lossy(EPOS4).replace("\r\n", "\n");
+    if mask {
+        let section = "[60FEsub2]\nParameterName=Mask\nObjectType=0x7\nDataType=0x7\nAccessType=rww\nDefaultValue=0\n";
+        text = text.replace("[60FE]\nSubNumber=2", "[60FE]\nSubNumber=3");
+        text = text.replace("[60FEsub1]\n", &format!("{section}PDOMapping=0\n\n[60FEsub1]\n"));
+    }
+    let mut config = by_sheets();
+    let keys = Cia402Config {
+        gear: Some(-26.0),
+        brake: BrakeControl::Output,
+        brake_release: release,
+        ..Cia402Config::usual()
+    };
+    config.wheels[0].drive = wheel(text.as_bytes(), keys);
+    let mut robot = Robot::with(Eds::parse(text.as_bytes()).unwrap().dictionary(1).with(objects), config);
+    robot.pass(3000);
+    assert!(robot.motion().homed, "{}", robot.reason());
+    robot
+}
+
+fn output(robot: &Robot) -> i64 {
+    robot.epos.node.get(0x60FE, 1).unwrap()
+}
+
+#[test]
+fn a_brake_is_released_before_the_wheel_turns_and_set_before_its_drive_is_off() {
+    for mask in [false, true] {
+        // Another output of the drive is on.
+        let mut robot = braked(&[Entry::new(0x60FE, 1, DataType::U32, Access::ReadWrite, 0x1_0000)], mask);
+        // It stands without torque.
+        assert_eq!(output(&robot), 0x1_0001);
+        assert_eq!(robot.epos.node.get(0x60FE, 2), mask.then_some(1));
+        robot.frames.clear();
+        robot.drive(0.4, 1000);
+        assert!(robot.moves(), "{}", robot.reason());
+        assert_eq!(output(&robot), 0x1_0000);
+        let rpdo = |data: &[u8]| data.starts_with(&[0x0F]) && data.len() == 6;
+        let first = |found: &dyn Fn(&can::Frame) -> bool| {
+            let (at, _) = robot.frames.iter().find(|(_, frame)| found(frame)).expect("it was sent");
+            *at
+        };
+        let is = |frame: &can::Frame, id| frame.id() == can::Id::Standard(id);
+        let enabled = first(&|frame| is(frame, 0x201) && rpdo(frame.data()));
+        let moved = first(&|frame| is(frame, 0x201) && rpdo(frame.data()) && frame.data()[2..] != [0; 4]);
+        let released = first(&|frame| is(frame, 0x601) && frame.data() == [0x23, 0xFE, 0x60, 1, 0, 0, 1, 0]);
+        assert!(enabled < released && moved.since(released) >= Duration::from_millis(300), "{:?}", robot.reason());
+        assert!(moved.since(released) < Duration::from_millis(350), "{:?}", moved.since(released));
+        // It is a holding brake: a stop is the drive's, with torque.
+        robot.pass(1000);
+        assert_eq!((robot.epos.power.state(), output(&robot)), (PowerState::QuickStopActive, 0x1_0000));
+
+        robot.frames.clear();
+        let state = State::Terminate as i8;
+        robot.bench.message(common::CmdState { module: NAME.into(), state, manual: true, ..Default::default() });
+        robot.exchange();
+        robot.pass(1000);
+        assert!(robot.ended);
+        assert_eq!((robot.epos.power.state(), output(&robot)), (PowerState::SwitchOnDisabled, 0x1_0001));
+        let at = |found: &dyn Fn(&can::Frame) -> bool| robot.frames.iter().position(|(_, frame)| found(frame));
+        let set = at(&|frame| is(frame, 0x601) && frame.data() == [0x23, 0xFE, 0x60, 1, 1, 0, 1, 0]);
+        // Neither enabled nor in quick stop: bits 1 to 3.
+        let off = at(&|frame| is(frame, 0x201) && !matches!(frame.data()[0] & 0x0E, 0x0E | 0x02 | 0x0A));
+        assert!(set.is_some() && set < off, "{set:?}, {off:?}");
+    }
+}
+
+#[test]
+fn a_brake_that_is_not_known_to_be_released_holds_the_robot() {
+    // The output cannot be written, although the sheet says so.
+    let mut robot = braked(&[Entry::new(0x60FE, 1, DataType::U32, Access::ReadOnly, 1)], false);
+    robot.drive(0.4, 800);
+    assert_eq!(robot.epos.power.state(), PowerState::OperationEnabled, "{}", robot.reason());
+    assert_eq!(robot.epos.node.get(0x60FF, 0), Some(0));
+    robot.drive(0.4, 400);
+    assert_eq!(robot.epos.power.state(), PowerState::QuickStopActive);
+    assert!(robot.reason().contains("does not release its brake"), "{}", robot.reason());
+    assert_eq!(robot.holds().first().map(|hold| hold.0), Some(Hold::DriveStuck));
+    assert!(robot.errors.iter().any(|(fault, _)| *fault == Fault::DriveFault), "{:?}", robot.errors);
+    robot.drive(0.4, 3000);
+    assert!(!robot.moves());
+
+    // Another program sets it while the robot drives: it is released again, after a stop.
+    let mut robot = braked(&[], false);
+    robot.drive(0.4, 1500);
+    assert!(robot.moves(), "{}", robot.reason());
+    robot.epos.node.set(0x60FE, 1, 1);
+    let again = (0..24).find(|_| {
+        robot.drive(0.4, 50);
+        output(&robot) == 0
+    });
+    assert!(again.is_some(), "it is read once a second");
+    assert_eq!(robot.epos.node.get(0x60FF, 0), Some(0), "its time of release passes anew");
+    robot.drive(0.4, 600);
+    assert!(robot.moves(), "{}", robot.reason());
+}
+
+#[test]
+fn a_brake_is_not_set_while_the_wheel_rolls_without_torque() {
+    let mut robot = braked(&[], false);
+    robot.drive(0.4, 1500);
+    assert!(robot.moves());
+    // It is in fault, and rolls on.
+    robot.epos.stubborn = true;
+    let now = robot.bench.now();
+    robot.epos.fault(now, 0x2310);
+    robot.pass(3000);
+    assert_ne!(robot.epos.node.get(0x606C, 0), Some(0));
+    assert_eq!(output(&robot), 0);
+    robot.epos.node.set(0x606C, 0, 0);
+    robot.pass(1000);
+    assert_eq!(output(&robot), 1);
+    // Another program releases it, and the wheel rolls away: now it is too late to set it.
+    robot.epos.node.set(0x606C, 0, -500);
+    robot.pass(500);
+    robot.epos.node.set(0x60FE, 1, 0);
+    robot.pass(3000);
+    assert_eq!(output(&robot), 0);
+    robot.epos.node.set(0x606C, 0, 0);
+    robot.pass(2000);
+    assert_eq!(output(&robot), 1);
+}
+
+#[test]
+fn a_brake_output_is_one_of_the_sheet() {
+    let with = |sheet: &[u8]| {
+        let keys = Cia402Config {
+            gear: Some(26.0),
+            velocity_unit: VelocityUnit::Rpm,
+            brake: BrakeControl::Output,
+            ..Cia402Config::usual()
+        };
+        let mut config = config();
+        (config.stop.second_way, config.has_pause_line) = (SecondWay::Power, true);
+        config.wheels[0].drive = wheel(sheet, keys);
+        refusal(config)
+    };
+    assert_eq!(with(EPOS4), None);
+    assert_eq!(with(EPOS), Some(Refusal { index: 0x60FE, sub: 1, reason: Reason::Missing }));
+    let fixed = String::from_utf8_lossy(EPOS4).replace("\r\n", "\n");
+    let begin = fixed.find("[60FEsub1]\n").unwrap();
+    let fixed = fixed[..begin].to_owned() + &fixed[begin..].replacen("AccessType=rww", "AccessType=ro", 1);
+    let refused = Refusal { index: 0x60FE, sub: 1, reason: Reason::NotWritable };
+    assert_eq!(with(fixed.as_bytes()), Some(refused));
 }

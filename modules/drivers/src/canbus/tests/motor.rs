@@ -66,7 +66,7 @@ fn by_sheet(change: fn(String) -> String) -> Robot {
         ..Cia402Config::usual()
     };
     let mut config = config();
-    let drive = Cia402 { keys, sheet: Some(Arc::new(sheet)) };
+    let drive = Cia402 { keys, sheet: Some(Arc::new(sheet)), motor_rpm_max: None };
     config.wheels[0].drive = PropulsionDrive::Cia402 { drive, circumference: 0.8 };
     let device = Eds::parse(change(EPOS4.to_owned()).as_bytes()).unwrap();
     Robot::with(device.dictionary(1), config)
@@ -103,7 +103,8 @@ fn an_object_that_the_sheet_does_not_have_refuses_the_drive() {
     let sheet = Some(Arc::new(Eds::parse(EPOS4.as_bytes()).unwrap()));
     let keys = Cia402Config { gear: Some(-26.0), temperature_object: Some(0x5F_FF01), ..Cia402Config::usual() };
     let mut config = config();
-    config.wheels[0].drive = PropulsionDrive::Cia402 { drive: Cia402 { keys, sheet }, circumference: 0.8 };
+    let drive = Cia402 { keys, sheet, motor_rpm_max: None };
+    config.wheels[0].drive = PropulsionDrive::Cia402 { drive, circumference: 0.8 };
     let refused = Canbus::new(config).err().map(|error| error.to_string());
     assert!(refused.as_ref().is_some_and(|why| why.contains("0x5FFF:1")), "{refused:?}");
 }

@@ -272,7 +272,9 @@ fn a_damaged_file_is_a_table_or_refused() {
                 let parameters = epos::parameters(1);
                 assert!(!table.table.node_config("a", &parameters).mappings.is_empty());
                 assert!(!table.table.pack(0x0F, i32::MIN).is_empty());
-                (0..=255).for_each(|number| drop(table.table.unpack(number, &[0xFF; 8])));
+                for number in 0..=255 {
+                    let _ = table.table.unpack(number, &[0xFF; 8]);
+                }
             }
             Err(lines) => {
                 refusals += 1;

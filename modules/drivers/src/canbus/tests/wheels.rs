@@ -308,7 +308,7 @@ fn with_torque(change: fn(&str) -> String) -> Robot {
     let mut config = configured(MECANUM);
     for wheel in &mut config.wheels {
         let keys = Cia402Config { gear: Some(GEAR), ..Cia402Config::usual() };
-        let drive = Cia402 { keys, sheet: Some(sheet.clone()) };
+        let drive = Cia402 { keys, sheet: Some(sheet.clone()), motor_rpm_max: None };
         wheel.drive = PropulsionDrive::Cia402 { drive, circumference: 60.0 * GEAR / RPM_PER_MPS };
     }
     let text = std::str::from_utf8(TORQUE_SHEET).expect("ASCII");

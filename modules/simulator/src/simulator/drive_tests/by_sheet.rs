@@ -31,6 +31,7 @@ fn wheel(sheet: &[u8]) -> Cia402Config {
         current: None,
         temperature: None,
         homed: 0,
+        brake: false,
     }
 }
 
@@ -399,4 +400,50 @@ fn current_torque_and_temperature_are_in_the_objects_and_units_of_sheet_and_manu
     assert!((per_mille / 1000.0 * 0.5 - torque).abs() < 0.01 * torque, "{per_mille} {torque}");
     bus.pass(60_000);
     assert!(bus.get(1, 0x3201, 1) >= cold, "{cold}");
+}
+
+#[test]
+fn a_motor_turns_no_faster_than_its_object_permits_and_one_without_a_value_is_not_bounded() {
+    let mut bus = Bus::driving(wheel(EPOS4), 1.0);
+    assert!((bus.get(1, 0x606C, 0) - RPM).abs() <= 1);
+    bus.write(1, 0x6080, 0, 32, 1000);
+    bus.pass(1500);
+    assert!((bus.get(1, 0x606C, 0) - 1000).abs() <= 1, "{}", bus.get(1, 0x606C, 0));
+    bus.write(1, 0x6080, 0, 32, 3000);
+    bus.pass(1500);
+    assert!((bus.get(1, 0x606C, 0) - RPM).abs() <= 1, "{}", bus.get(1, 0x606C, 0));
+
+    let open = String::from_utf8_lossy(EPOS4).replace("[6080]\r\n", "[6080]\n");
+    let begin = open.find("[6080]\n").unwrap();
+    let end = begin + open[begin + 1..].find("\n[").unwrap() + 1;
+    let stated = ["DefaultValue=", "ParameterValue="];
+    let section = open[begin..end].lines().filter(|line| !stated.iter().any(|key| line.starts_with(key)));
+    let section: String = section.map(|line| line.to_owned() + "\n").collect();
+    let open = open[..begin].to_owned() + &section + &open[end..];
+    let mut bus = Bus::driving(wheel(open.as_bytes()), 1.0);
+    assert!((bus.get(1, 0x606C, 0) - RPM).abs() <= 1, "{}", bus.get(1, 0x606C, 0));
+}
+
+#[test]
+fn a_brake_holds_its_wheel_against_the_motor_and_without_it() {
+    // The sheet has no mask: the output is the master's.
+    let braked = Cia402Config { brake: true, ..wheel(EPOS4) };
+    let mut bus = Bus::driving(braked, 1.0);
+    let stands = |bus: &mut Bus| bus.get(1, 0x606C, 0).abs() <= 1;
+    assert!((bus.get(1, 0x606C, 0) - RPM).abs() <= 1, "released by 0");
+    bus.write(1, 0x60FE, 1, 32, 1);
+    bus.pass(1500);
+    assert!(stands(&mut bus) && bus.status(1) & 0x6F == 0x27, "{:04X}", bus.status(1));
+    bus.write(1, 0x60FE, 1, 32, 0);
+    bus.pass(1500);
+    assert!(!stands(&mut bus));
+    // Without the motors' feed a spring applies it.
+    bus.write(5, 0x6200, 1, 8, 0);
+    bus.pass(1500);
+    assert!(stands(&mut bus));
+    // Another drive has no brake on that output.
+    let mut bus = Bus::driving(wheel(EPOS4), 1.0);
+    bus.write(1, 0x60FE, 1, 32, 1);
+    bus.pass(1500);
+    assert!((bus.get(1, 0x606C, 0) - RPM).abs() <= 1);
 }
