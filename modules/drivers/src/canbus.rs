@@ -944,10 +944,10 @@ impl Canbus {
 
     /// Reads the inputs of drives that stop the robot.
     fn read_inputs(&mut self, now: Instant) {
-        let booted: Vec<(NodeAt, bool)> = self.drives().map(|drive| (drive.at(), drive.is_booted())).collect();
-        let is_booted = |node| booted.contains(&(node, true));
+        let drives = self.wheels.drives().chain(self.steering.iter().map(|steering| &steering.drive));
+        let is_booted = |node| drives.clone().any(|drive| drive.at() == node && drive.is_booted());
         for (bus, net) in self.nets.iter_mut().enumerate() {
-            self.inputs.advance(now, (bus, net.is_alone()), is_booted, &mut net.master);
+            self.inputs.advance(now, (bus, net.is_alone()), &is_booted, &mut net.master);
         }
     }
 
