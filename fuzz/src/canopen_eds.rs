@@ -1,8 +1,9 @@
 //! Electronic data sheets and configuration files of CANopen.
 
+use base::Duration;
 use canopen::axis::modes::Mode;
 use canopen::dictionary::DataType;
-use canopen::drives::derive::{Description, Limits, Quirks, derive};
+use canopen::drives::derive::{Description, Limits, Quirks, brake_output, derive, position_mode, velocity_mode};
 use canopen::eds::{Eds, MAX_NAME, MAX_WARNINGS, address, read_concise, write_concise};
 use canopen::pdo::Layout;
 use canopen::{Master, MasterConfig};
@@ -62,7 +63,14 @@ fn check(file: &[u8]) {
 
 /// As a drive: refused, or one that a master takes.
 fn check_drive(eds: &Eds) {
-    for (mode, homing) in [(Mode::ProfileVelocity, None), (Mode::ProfilePosition, Some(27))] {
+    let _ = (velocity_mode(eds, 5), position_mode(eds, 5), brake_output(eds));
+    for (mode, homing) in [
+        (Mode::ProfileVelocity, None),
+        (Mode::ProfilePosition, Some(27)),
+        (Mode::CyclicVelocity, None),
+        (Mode::CyclicPosition, Some(27)),
+        (Mode::Interpolated, None),
+    ] {
         let description = Description {
             mode,
             per_turn: 1.0,
@@ -72,7 +80,7 @@ fn check_drive(eds: &Eds) {
             limits: Limits { velocity: 1.0, acceleration: 1.0, deceleration: 1.0, quick_stop: 2.0 },
             range: Some([-1.0, 1.0]),
             homing,
-            sync: None,
+            sync: Some(Duration::from_millis(10)),
             setpoints: None,
             master: 127,
             torque: true,

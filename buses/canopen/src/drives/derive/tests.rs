@@ -434,7 +434,15 @@ fn a_thousand_hostile_sheets_make_no_panic() {
         }
         let Ok(eds) = Eds::parse(&file) else { continue };
         read += 1;
-        for description in [wheel(), steering(), Description { velocity_unit: None, gear: None, ..wheel() }] {
+        let cyclic = |mode, usual| Description { mode, setpoints: Some(Duration::from_millis(20)), ..usual };
+        for description in [
+            wheel(),
+            steering(),
+            Description { velocity_unit: None, gear: None, ..wheel() },
+            cyclic(Mode::CyclicVelocity, wheel()),
+            cyclic(Mode::CyclicPosition, steering()),
+            cyclic(Mode::Interpolated, steering()),
+        ] {
             let description = Description {
                 torque: true,
                 second_way: random.below(2) == 0,
