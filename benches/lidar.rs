@@ -268,7 +268,8 @@ fn appearances(kind: &Kind, evaluations: u32, (leg, radius, pace): (&str, f64, f
     let mut uniform = move || random.below(1 << 32) as f64 / (1u64 << 32) as f64;
     let free = |guard: &DataGuard| guard.forward > SPEED;
     let goal = kind.turn * evaluations + BEYOND;
-    let (mut took, mut from_first, mut from_last, mut slow) = (Vec::new(), Vec::new(), Vec::new(), 0);
+    let (mut took, mut from_first, mut from_last, mut until_last) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let mut slow = 0;
     for n in 0..count {
         chain.until(Duration::from_secs(5), free).unwrap_or_else(|| panic!("{}: {n}: it is not free", kind.name));
         for _ in 0..(uniform() * 2.0 * kind.turn.as_secs_f64() * 1e3) as u32 + 1 {
@@ -290,6 +291,7 @@ fn appearances(kind: &Kind, evaluations: u32, (leg, radius, pace): (&str, f64, f
         from_first.extend(first(0).map(|first| chain.now().since(first)));
         let last = first(evaluations as usize - 1);
         from_last.extend(last.map(|last| chain.now().since(last)));
+        until_last.extend(last.map(|last| last.since(appeared)));
         slow += u32::from(after > goal && last.is_some_and(|last| last.since(appeared) <= kind.turn * evaluations));
         chain.show(None);
     }
@@ -301,7 +303,7 @@ fn appearances(kind: &Kind, evaluations: u32, (leg, radius, pace): (&str, f64, f
     println!(
         "{:12} evaluations {evaluations}, leg of {leg}: p50 {:.0} ms, p99 {:.0} ms, p100 {:.0} ms of {count}; \
          goal {} ms, later: {late}, of these met in time: {slow}; p100 from the first beam {:.0} ms, \
-         from the first one of turn {evaluations} {:.0} ms ({})",
+         from the first one of turn {evaluations} {:.0} ms, until that one {:.0} ms ({})",
         kind.name,
         at(&mut took, 0.5),
         at(&mut took, 0.99),
@@ -309,6 +311,7 @@ fn appearances(kind: &Kind, evaluations: u32, (leg, radius, pace): (&str, f64, f
         goal.as_millis(),
         at(&mut from_first, 1.0),
         at(&mut from_last, 1.0),
+        at(&mut until_last, 1.0),
         from_last.len(),
     );
 }

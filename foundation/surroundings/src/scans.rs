@@ -12,7 +12,7 @@ mod lone;
 use crate::{Lidar, Obstacle, Rules, Source, Trail, Unseen};
 use base::{Duration, Instant};
 use kinematics::Polygon;
-use lone::{Finding, Open, Tail};
+use lone::{Finding, Tail};
 use messages::lowlevel::DataScan;
 use navitools::{Point, wrap};
 use std::collections::VecDeque;
@@ -232,11 +232,10 @@ impl Eye {
         let before = View::new(here, turns.filter(|hit| from < hit.when && hit.when <= to), &arc);
         let old = View::new(here, old.into_iter().flat_map(|turn| &turn.hits), &arc);
         let (mut hits, mut nearest, mut nears) = (Vec::with_capacity(met.len()), f64::INFINITY, false);
-        let mut open = Vec::new();
-        for Met { at: point, when, bin, distance, follows, finding, range, beam, slice } in met {
+        for Met { at: point, bin, distance, follows, finding, slice } in met {
             let found = match finding {
                 Finding::Beside => before.turns(bin, distance, same),
-                Finding::Alone { across, .. } => before.turns_alone(here, point, across),
+                Finding::Alone { across } => before.turns_alone(here, point, across),
             };
             let closing = old.nearest(bin) - distance;
             let comes_nearer = closing > APPROACH_M && closing / baseline > APPROACH_MPS.start;
@@ -245,41 +244,30 @@ impl Eye {
             let moves = changed && distance < rules.reach - INTO_REACH_M;
             let approaches = changed && APPROACH_MPS.contains(&(closing / baseline));
             nears = comes_nearer;
-            let hit = Hit { at: point, when, turns: rules.evaluations.min(found + 1), approaches, moves, slice };
-            if matches!(finding, Finding::Alone { open: true, .. }) && hit.turns < rules.evaluations {
-                open.push(Open { at: point, when, slice, range, behind: scan.ranges.len() - 1 - beam });
-            }
+            let hit = Hit { at: point, when: at, turns: rules.evaluations.min(found + 1), approaches, moves, slice };
             if approaches || hit.turns == rules.evaluations && found < hit.turns {
                 nearest = nearest.min(robot.point().distance(point));
             }
             hits.push(hit);
         }
         self.turns.back_mut()?.hits.append(&mut hits);
-        self.tail = Some(Tail::of(scan, at, open));
+        self.tail = Some(Tail::of(scan, at));
         nearest.is_finite().then_some(nearest)
     }
 
-    /// What the beams of a sector met, and those before it of which only this sector shows how they did.
+    /// What the beams of a sector met, up to the reach.
     fn meet(&mut self, now: Instant, at: Instant, scan: &DataScan, looks: &Looks<'_>) -> Option<Vec<Met>> {
         let Looks { here, same, slices, trail, rules } = *looks;
         let tail = self.tail.take();
         let gap = tail.as_ref().and_then(|tail| tail.gap(scan, at));
+        let (mut met, mut follows) = (Vec::with_capacity(scan.ranges.len()), false);
         let room = HITS_MAX.saturating_sub(self.turns.back()?.hits.len());
-        let undecided = tail.iter().flat_map(|tail| &tail.open).take(room);
-        let beside = undecided.filter(|open| !gap.is_some_and(|gap| lone::is_alone(open, scan, same, gap)));
-        let mut met: Vec<Met> = Vec::with_capacity(scan.ranges.len());
-        met.extend(beside.map(|Open { at, when, slice, range, .. }| {
-            let (bin, distance) = seen_from(here, *at);
-            let (finding, slice, range) = (Finding::Beside, *slice, *range);
-            Met { at: *at, when: *when, bin, distance, follows: false, finding, range, beam: 0, slice }
-        }));
         let before = tail.as_ref().zip(gap);
         // Nothing was received: that frees no more than the range at which dark things are seen.
         let frees = |range: f32| range < f32::INFINITY || f64::from(scan.range_max) >= rules.reach;
-        let mut follows = false;
         for (k, range) in scan.ranges.iter().enumerate().filter(|(_, range)| !range.is_nan()) {
             // What there is no room for would be in the way unseen: from there on nothing is known.
-            if met.len() >= room {
+            if met.len() == room {
                 break;
             }
             let Some(slice) = slices[k] else { continue };
@@ -301,7 +289,7 @@ impl Eye {
             let (sin, cos) = (pose.theta + angle).sin_cos();
             let point = Point { x: pose.x + range * cos, y: pose.y + range * sin };
             let (bin, distance) = seen_from(here, point);
-            met.push(Met { at: point, when: at, bin, distance, follows, finding, range, beam: k, slice });
+            met.push(Met { at: point, bin, distance, follows, finding, slice });
             follows = true;
         }
         Some(met)
@@ -371,22 +359,17 @@ struct Looks<'a> {
     rules: &'a Rules,
 }
 
-/// Something that a beam of the present sector met, or one of the sector before of which this one shows how it did.
+/// Something that a beam of the present sector met.
 #[derive(Clone, Copy, Debug)]
 struct Met {
     /// Where, in the frame of the trail, m.
     at: Point,
-    /// When its sector began.
-    when: Instant,
-    /// Its direction and its distance, m, from where the lidar's present sector began.
+    /// Its direction and its distance, m, from where the lidar's sector began.
     bin: usize,
     distance: f64,
     /// The measuring beam before it met something, too.
     follows: bool,
     finding: Finding,
-    /// Distance that its beam measured, m, and the beam's place in the sector.
-    range: f64,
-    beam: usize,
     /// The part of the view in which it is.
     slice: usize,
 }

@@ -1,12 +1,12 @@
 //! Beams that meet something alone: nearer than its neighbours, which pass it although a leg would be met by two.
 //!
-//! A beam at the end of a sector has its neighbours in the next one: until that has come, it counts as alone, and it is
-//! [`Open`]. If then it was not alone, or if the next one does not continue the sector, it is compared again.
+//! The neighbours of the first beams of a sector are in the one before. Those of the last ones are still to be measured:
+//! they count as beams beside which something may be, because who walks is not to be found later for that.
 
 use super::{LEG_SPACING_M, SAME_M};
 use base::{Duration, Instant};
 use messages::lowlevel::DataScan;
-use navitools::{Point, wrap};
+use navitools::wrap;
 
 /// Beams on either side of a single one among which one that measured is looked for.
 const BESIDE_MAX: usize = 8;
@@ -25,26 +25,9 @@ pub(super) enum Finding {
     Beside,
     /// The beams beside it passed it: what it met is narrower than the distance of those.
     Alone {
-        /// How far across the beam the same thing may be met a revolution later, m.
+        /// How far across the beam the same thing may have been met a revolution before, m.
         across: f64,
-        /// That is known of the beams before it; those behind it are in the next sector.
-        open: bool,
     },
-}
-
-/// Something that a beam at the end of a sector met, as far as is known alone.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Open {
-    /// Where, in the frame of the trail, m.
-    pub at: Point,
-    /// When its sector began.
-    pub when: Instant,
-    /// The part of the view in which it is.
-    pub slice: usize,
-    /// Distance that the beam measured, m.
-    pub range: f64,
-    /// Beams behind it in its sector; none has measured.
-    pub behind: usize,
 }
 
 /// The end of a sector.
@@ -59,13 +42,11 @@ pub(super) struct Tail {
     range_max: f32,
     /// Ranges of its last beams, from the last one on.
     ranges: Vec<f32>,
-    /// What its beams met that may be alone.
-    pub open: Vec<Open>,
 }
 
 impl Tail {
     /// The end of a sector whose first beam was measured at `at`.
-    pub fn of(scan: &DataScan, at: Instant, open: Vec<Open>) -> Self {
+    pub fn of(scan: &DataScan, at: Instant) -> Self {
         let count = scan.ranges.len();
         Self {
             angle: scan.angle_min + count.saturating_sub(1) as f64 * scan.angle_step,
@@ -73,7 +54,6 @@ impl Tail {
             status: scan.status,
             range_max: scan.range_max,
             ranges: scan.ranges.iter().rev().take(BESIDE_MAX).copied().collect(),
-            open,
         }
     }
 
@@ -97,22 +77,10 @@ pub(super) fn finding(scan: &DataScan, beam: usize, range: f64, same: f64, befor
         tail.ranges.iter().enumerate().map(move |(n, other)| ((beam + n) as f64 + gap, *other))
     });
     let behind = ranges.iter().enumerate().skip(beam + 1).map(|(other, range)| ((other - beam) as f64, *range));
-    if beside.pass(own.chain(earlier)) != Some(true) {
+    if !beside.pass(own.chain(earlier)) || !beside.pass(behind) {
         return Finding::Beside;
     }
-    let across = SAME_M.min(2.0 * beside.spacing + MOTION_M + MOTION_PER_M * range);
-    match beside.pass(behind) {
-        Some(true) => Finding::Alone { across, open: false },
-        Some(false) => Finding::Beside,
-        None => Finding::Alone { across, open: true },
-    }
-}
-
-/// True if what was open is alone by the sector that continues its own, `gap` steps behind the last beam of that.
-pub(super) fn is_alone(open: &Open, scan: &DataScan, same: f64, gap: f64) -> bool {
-    let Some(beside) = Beside::new(scan, open.range, same) else { return false };
-    let from = open.behind as f64 + gap;
-    beside.pass(scan.ranges.iter().enumerate().map(|(n, range)| (from + n as f64, *range))) == Some(true)
+    Finding::Alone { across: SAME_M.min(2.0 * beside.spacing + MOTION_M + MOTION_PER_M * range) }
 }
 
 /// What the beams beside one prove.
@@ -133,21 +101,10 @@ impl Beside {
     }
 
     /// True if the next one of these beams that measured has passed, and is so near that it would have met a leg; each
-    /// with its distance in steps. `None`: they end before that is known.
-    fn pass(&self, beams: impl Iterator<Item = (f64, f32)>) -> Option<bool> {
-        let mut beams = beams.take(BESIDE_MAX);
-        let mut steps = 0.0;
-        while steps * self.spacing <= LEG_SPACING_M {
-            // The one behind those that there are is a step farther, or more.
-            let Some((at, range)) = beams.next() else {
-                let ended = (steps + 1.0) * self.spacing <= LEG_SPACING_M && steps + 1.0 <= BESIDE_MAX as f64;
-                return if ended { None } else { Some(false) };
-            };
-            steps = at;
-            if steps * self.spacing <= LEG_SPACING_M && !range.is_nan() {
-                return Some(f64::from(range) > self.beyond);
-            }
-        }
-        Some(false)
+    /// with its distance in steps.
+    fn pass(&self, beams: impl Iterator<Item = (f64, f32)>) -> bool {
+        let near = beams.take(BESIDE_MAX).take_while(|(steps, _)| steps * self.spacing <= LEG_SPACING_M);
+        let mut measured = near.filter(|(_, range)| !range.is_nan());
+        measured.next().is_some_and(|(_, range)| f64::from(range) > self.beyond)
     }
 }
