@@ -7,9 +7,12 @@
 //! that is unknown. A single beam where a leg would be met by two is something thinner, or wild: it must be found again
 //! where it was.
 
+mod lone;
+
 use crate::{Lidar, Obstacle, Rules, Source, Trail, Unseen};
 use base::{Duration, Instant};
 use kinematics::Polygon;
+use lone::{Finding, Tail};
 use messages::lowlevel::DataScan;
 use navitools::{Point, wrap};
 use std::collections::VecDeque;
@@ -31,8 +34,6 @@ const WALK_MPS: f64 = 1.6;
 /// is shown to detect legs (IEC 61496-3, 70 mm), because a beam that meets its edge may receive nothing, or what is
 /// behind. An ankle of 50 mm, which is to be detected near the floor (ISO 13855), is met by two as well.
 const LEG_SPACING_M: f64 = 0.07 / 3.0;
-/// Beams on either side of a single one among which one that measured is looked for.
-const BESIDE_MAX: usize = 8;
 /// Longest time between two revolutions for which somebody walks, s.
 const TURN_MAX_S: f64 = 0.2;
 /// Ages, in revolutions, of what is compared with a finding. Who crosses the direction in which a revolution ends is
@@ -105,6 +106,8 @@ struct Eye {
     turns: VecDeque<Turn>,
     /// Number of the last revolution; the first one is 1.
     count: u64,
+    /// The end of the last sector.
+    tail: Option<Tail>,
 }
 
 /// What the lidars have seen.
@@ -124,6 +127,7 @@ impl Scans {
             slices: slices(lidar, body, rules.reach),
             turns: VecDeque::new(),
             count: 0,
+            tail: None,
         };
         Self { rules, eyes: lidars.iter().enumerate().map(eye).collect() }
     }
@@ -150,6 +154,7 @@ impl Scans {
     pub fn forget(&mut self) {
         for eye in &mut self.eyes {
             eye.turns.clear();
+            eye.tail = None;
             eye.slices.iter_mut().for_each(|slice| slice.turns = 0);
         }
     }
@@ -216,8 +221,48 @@ impl Eye {
         let here = (robot * self.lidar.mount).point();
         let period = self.period()?;
         let same = SAME_M + WALK_MPS * period;
+        let looks = Looks { here, same, slices: &slices, trail, rules };
+        let met = self.meet(now, at, scan, &looks)?;
+        let (begun, old) = self.old()?;
+        let baseline = old.map_or(f64::INFINITY, |old| begun.since(old.since).as_secs_f64());
+        let arc = Arc::around(&met, same);
+        let turns = self.turns.iter().rev().take(EARLIER_TURNS).flat_map(|turn| &turn.hits);
+        let ago = |turns: f64| at - Duration::from_secs_f64(turns * period);
+        let (from, to) = (ago(EARLIER.1), ago(EARLIER.0));
+        let before = View::new(here, turns.filter(|hit| from < hit.when && hit.when <= to), &arc);
+        let old = View::new(here, old.into_iter().flat_map(|turn| &turn.hits), &arc);
+        let (mut hits, mut nearest, mut nears) = (Vec::with_capacity(met.len()), f64::INFINITY, false);
+        for Met { at: point, bin, distance, follows, finding, slice } in met {
+            let found = match finding {
+                Finding::Beside => before.turns(bin, distance, same),
+                Finding::Alone { across } => before.turns_alone(here, point, across),
+            };
+            let closing = old.nearest(bin) - distance;
+            let comes_nearer = closing > APPROACH_M && closing / baseline > APPROACH_MPS.start;
+            // Noise seldom brings two beams nearer, one beside the other.
+            let changed = comes_nearer && nears && follows;
+            let moves = changed && distance < rules.reach - INTO_REACH_M;
+            let approaches = changed && APPROACH_MPS.contains(&(closing / baseline));
+            nears = comes_nearer;
+            let hit = Hit { at: point, when: at, turns: rules.evaluations.min(found + 1), approaches, moves, slice };
+            if approaches || hit.turns == rules.evaluations && found < hit.turns {
+                nearest = nearest.min(robot.point().distance(point));
+            }
+            hits.push(hit);
+        }
+        self.turns.back_mut()?.hits.append(&mut hits);
+        self.tail = Some(Tail::of(scan, at));
+        nearest.is_finite().then_some(nearest)
+    }
+
+    /// What the beams of a sector met, up to the reach.
+    fn meet(&mut self, now: Instant, at: Instant, scan: &DataScan, looks: &Looks<'_>) -> Option<Vec<Met>> {
+        let Looks { here, same, slices, trail, rules } = *looks;
+        let tail = self.tail.take();
+        let gap = tail.as_ref().and_then(|tail| tail.gap(scan, at));
         let (mut met, mut follows) = (Vec::with_capacity(scan.ranges.len()), false);
         let room = HITS_MAX.saturating_sub(self.turns.back()?.hits.len());
+        let before = tail.as_ref().zip(gap);
         // Nothing was received: that frees no more than the range at which dark things are seen.
         let frees = |range: f32| range < f32::INFINITY || f64::from(scan.range_max) >= rules.reach;
         for (k, range) in scan.ranges.iter().enumerate().filter(|(_, range)| !range.is_nan()) {
@@ -238,40 +283,16 @@ impl Eye {
                 follows = false;
                 continue;
             }
-            let lone = is_lone(scan, k, same);
+            let finding = lone::finding(scan, k, range, same, before);
+            let angle = wrap(scan.angle_min + k as f64 * scan.angle_step);
             let pose = trail.pose(at + Duration::from_secs_f64(k as f64 * scan.beam_time)) * self.lidar.mount;
-            let (sin, cos) = (pose.theta + angle(k)).sin_cos();
+            let (sin, cos) = (pose.theta + angle).sin_cos();
             let point = Point { x: pose.x + range * cos, y: pose.y + range * sin };
             let (bin, distance) = seen_from(here, point);
-            met.push(Met { at: point, bin, distance, follows, lone, slice });
+            met.push(Met { at: point, bin, distance, follows, finding, slice });
             follows = true;
         }
-        let (begun, old) = self.old()?;
-        let baseline = old.map_or(f64::INFINITY, |old| begun.since(old.since).as_secs_f64());
-        let arc = Arc::around(&met, same);
-        let turns = self.turns.iter().rev().take(EARLIER_TURNS).flat_map(|turn| &turn.hits);
-        let ago = |turns: f64| at - Duration::from_secs_f64(turns * period);
-        let (from, to) = (ago(EARLIER.1), ago(EARLIER.0));
-        let before = View::new(here, turns.filter(|hit| from < hit.when && hit.when <= to), &arc);
-        let old = View::new(here, old.into_iter().flat_map(|turn| &turn.hits), &arc);
-        let (mut hits, mut nearest, mut nears) = (Vec::with_capacity(met.len()), f64::INFINITY, false);
-        for Met { at: point, bin, distance, follows, lone, slice } in met {
-            let found = before.turns(bin, distance, if lone { SAME_M } else { same });
-            let closing = old.nearest(bin) - distance;
-            let comes_nearer = closing > APPROACH_M && closing / baseline > APPROACH_MPS.start;
-            // Noise seldom brings two beams nearer, one beside the other.
-            let changed = comes_nearer && nears && follows;
-            let moves = changed && distance < rules.reach - INTO_REACH_M;
-            let approaches = changed && APPROACH_MPS.contains(&(closing / baseline));
-            nears = comes_nearer;
-            let hit = Hit { at: point, when: at, turns: rules.evaluations.min(found + 1), approaches, moves, slice };
-            if approaches || hit.turns == rules.evaluations && found < hit.turns {
-                nearest = nearest.min(robot.point().distance(point));
-            }
-            hits.push(hit);
-        }
-        self.turns.back_mut()?.hits.append(&mut hits);
-        nearest.is_finite().then_some(nearest)
+        Some(met)
     }
 
     /// Begins a new revolution if the middle of the sector was seen in this one; `slices` are those of its beams.
@@ -326,6 +347,18 @@ impl Slice {
     }
 }
 
+/// How a sector is looked at.
+struct Looks<'a> {
+    /// Where the lidar was when it began.
+    here: Point,
+    /// Distance within which a finding may be that of the revolution before, m.
+    same: f64,
+    /// The parts of the view in which its beams are.
+    slices: &'a [Option<usize>],
+    trail: &'a Trail,
+    rules: &'a Rules,
+}
+
 /// Something that a beam of the present sector met.
 #[derive(Clone, Copy, Debug)]
 struct Met {
@@ -336,31 +369,9 @@ struct Met {
     distance: f64,
     /// The measuring beam before it met something, too.
     follows: bool,
-    /// The beams beside it passed it, although a leg would have been met by one of them.
-    lone: bool,
+    finding: Finding,
     /// The part of the view in which it is.
     slice: usize,
-}
-
-/// True if a beam alone met something that is no leg: the next ones that measured on either side measured more, by more
-/// than `same` m, and are so near that a leg would have been met by two. Beyond `range_max` a beam that received
-/// nothing proves nothing, nor does a lidar that reports a fault.
-fn is_lone(scan: &DataScan, beam: usize, same: f64) -> bool {
-    let range_of = |beam: usize| scan.ranges.get(beam).copied().map(f64::from);
-    let Some(range) = range_of(beam).filter(|range| *range >= 0.0) else { return false };
-    let sees_beyond = scan.status == DataScan::OK && f64::from(scan.range_max) > range + same;
-    if !sees_beyond {
-        return false;
-    }
-    let spacing = range * scan.angle_step.abs();
-    // What is beyond the sector leaves it unknown, and what is nearer may hide a part of it.
-    let passes = |beside: &dyn Fn(usize) -> Option<usize>| {
-        let near = (1..=BESIDE_MAX).take_while(|n| *n as f64 * spacing <= LEG_SPACING_M);
-        let measured =
-            near.map(|n| beside(n).and_then(range_of)).find(|other| other.is_none_or(|other| !other.is_nan()));
-        measured.flatten().is_some_and(|other| other > range + same)
-    };
-    passes(&|n| beam.checked_sub(n)) && passes(&|n| beam.checked_add(n))
 }
 
 /// Directions around those of a sector. Nothing outside of it is compared with the sector, so that the angles of most
@@ -406,37 +417,62 @@ fn beside(distance: f64, same: f64) -> usize {
     (libm::asin((same / distance).min(1.0)) / TAU * BINS as f64) as usize
 }
 
-/// Findings as they look from somewhere: in each direction the nearest finding's distance, m, and its revolutions.
-struct View([(f64, u32); BINS]);
+/// Findings as they look from somewhere: the nearest one in each direction.
+struct View([Nearest; BINS]);
+
+/// The nearest finding in a direction.
+#[derive(Clone, Copy, Debug)]
+struct Nearest {
+    /// Its distance, m; infinite: there is none.
+    distance: f64,
+    turns: u32,
+    at: Point,
+}
 
 impl View {
     fn new<'a>(from: Point, hits: impl Iterator<Item = &'a Hit>, arc: &Arc) -> Self {
-        let mut nearest = [(f64::INFINITY, 0); BINS];
-        for hit in hits.filter(|hit| arc.may_contain(from, hit.at)) {
-            let (bin, distance) = seen_from(from, hit.at);
-            if distance < nearest[bin].0 {
-                nearest[bin] = (distance, hit.turns);
+        let mut nearest = [Nearest { distance: f64::INFINITY, turns: 0, at: Point::default() }; BINS];
+        for Hit { at, turns, .. } in hits.filter(|hit| arc.may_contain(from, hit.at)) {
+            let (bin, distance) = seen_from(from, *at);
+            if distance < nearest[bin].distance {
+                nearest[bin] = Nearest { distance, turns: *turns, at: *at };
             }
         }
         Self(nearest)
     }
 
     /// Bins up to `beside` places off.
-    fn around(&self, bin: usize, beside: usize) -> impl Iterator<Item = (f64, u32)> {
+    fn around(&self, bin: usize, beside: usize) -> impl Iterator<Item = &Nearest> {
         let first = BINS + bin - beside;
-        (first..=first + 2 * beside).map(|bin| self.0[bin % BINS])
+        (first..=first + 2 * beside).map(|bin| &self.0[bin % BINS])
+    }
+
+    /// What was found at a place, or up to `same` m from it.
+    fn near(&self, bin: usize, distance: f64, same: f64) -> impl Iterator<Item = &Nearest> {
+        // One more: the bins of two directions differ by up to one more than the angle between them.
+        let around = self.around(bin, beside(distance, same) + 1);
+        around.filter(move |other| (other.distance - distance).abs() <= same)
     }
 
     /// Most revolutions that have found something at a place, or up to `same` m from it; 0: none.
     fn turns(&self, bin: usize, distance: f64, same: f64) -> u32 {
-        // One more: the bins of two directions differ by up to one more than the angle between them.
-        let near = self.around(bin, beside(distance, same) + 1).filter(|(other, _)| (other - distance).abs() <= same);
-        near.map(|(_, turns)| turns).max().unwrap_or(0)
+        self.near(bin, distance, same).map(|other| other.turns).max().unwrap_or(0)
+    }
+
+    /// Most revolutions that have found what a beam of a lidar at `from` met alone at a place: up to [`SAME_M`] from it
+    /// along the beam, and up to `across` m from the beam; 0: none.
+    fn turns_alone(&self, from: Point, at: Point, across: f64) -> u32 {
+        let (bin, distance) = seen_from(from, at);
+        let (x, y) = (at.x - from.x, at.y - from.y);
+        // A place at the lidar has no direction.
+        let off = |other: &Nearest| ((other.at.x - from.x) * y - (other.at.y - from.y) * x).abs();
+        let near = self.near(bin, distance, SAME_M).filter(|other| off(other) <= across * distance);
+        near.map(|other| other.turns).max().unwrap_or(0)
     }
 
     /// The nearest in a direction, m.
     fn nearest(&self, bin: usize) -> f64 {
-        self.around(bin, BESIDE).map(|(distance, _)| distance).fold(f64::INFINITY, f64::min)
+        self.around(bin, BESIDE).map(|other| other.distance).fold(f64::INFINITY, f64::min)
     }
 }
 

@@ -317,6 +317,112 @@ fn a_leg_that_walks_counts_in_the_second_revolution_even_if_its_edges_are_not_me
     }
 }
 
+#[test]
+fn wild_beams_that_only_nearness_to_the_lidar_or_the_end_of_a_sector_made_neighbours_are_nothing() {
+    /// Beams and their ranges, in the even revolutions and in the odd ones.
+    type Pair = [&'static [(usize, f32)]; 2];
+    let pairs: [Pair; 5] = [
+        // 18 degrees apart: 4 cm, because the lidar is so near.
+        [&[(10, 0.12)], &[(28, 0.13)]],
+        // Two that are nearer than anything that can be measured.
+        [&[(10, f32::NEG_INFINITY)], &[(30, 0.2)]],
+        [&[(10, f32::NEG_INFINITY)], &[(40, 0.15)]],
+        // The first beam of a sector, and one before it that has not measured.
+        [&[(0, 0.7)], &[(0, 0.85)]],
+        [&[(0, 0.5)], &[(0, 0.65), (44, f32::NAN)]],
+    ];
+    for pair in pairs {
+        let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
+        for turn in 0..40 {
+            bench.spoils =
+                Box::new(move |ranges| pair[turn % 2].iter().for_each(|(beam, range)| ranges[*beam] = *range));
+            bench.revolve();
+            assert_eq!(bench.found().0, [], "{pair:?} {turn}");
+        }
+    }
+}
+
+#[test]
+fn the_first_beam_of_a_sector_is_not_alone_beside_one_that_has_not_measured_or_met_something_nor_is_the_last_one() {
+    // Beams 12 mm from each other: the second one beside them is too far away to show anything.
+    for (beam, beside) in [(0, Some((44, f32::NAN))), (0, Some((44, 0.5))), (44, Some((0, f32::NAN))), (44, None)] {
+        let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
+        for turn in 0..4 {
+            bench.spoils = Box::new(move |ranges| {
+                ranges[beam] = if turn % 2 == 0 { 0.7 } else { 0.85 };
+                if let Some((beside, range)) = beside {
+                    ranges[beside] = range;
+                }
+            });
+            bench.revolve();
+        }
+        let (sensed, _) = bench.found();
+        let it = |hit: &&Obstacle| (hit.at.distance(Point { x: 0.3, y: 0.0 }) - 0.85).abs() < 0.01;
+        assert!(sensed.iter().filter(it).count() >= SECTORS - 1, "{beam} {beside:?}: {sensed:?}");
+    }
+}
+
+#[test]
+fn a_sector_continues_another_only_where_and_when_that_ended() {
+    let scan = |angle_min: f64, angle_step: f64| DataScan {
+        angle_min,
+        angle_step,
+        beam_time: 1e-4,
+        ranges: vec![1.0; 10],
+        ..DataScan::default()
+    };
+    let begun = Instant::from_millis(1000);
+    for step in [0.01, -0.01] {
+        let tail = Tail::of(&scan(3.1, step), begun);
+        let gap = |steps: f64, us: u64| tail.gap(&scan(3.1 + steps * step, step), begun + Duration::from_micros(us));
+        assert!(gap(10.0, 1000).is_some_and(|gap| (gap - 1.0).abs() < 1e-6), "{step}");
+        assert!(gap(10.4, 4000).is_some_and(|gap| (gap - 1.4).abs() < 1e-6), "{step}");
+        // A beam was lost, they overlap, or it is that of another revolution.
+        assert_eq!([gap(11.0, 1000), gap(9.0, 1000), gap(10.0, 101_000)], [None; 3], "{step}");
+    }
+    for step in [0.0, f64::NAN] {
+        assert_eq!(Tail::of(&scan(0.0, step), begun).gap(&scan(0.0, step), begun), None);
+    }
+}
+
+#[test]
+fn the_leg_of_a_chair_counts_after_two_revolutions_wherever_it_stands() {
+    // As far as a beam meets its 2 cm wherever they are; not where a revolution ends.
+    for distance in [0.1, 0.2, 0.35, 0.5, 0.7, 0.9, 1.1] {
+        for degrees in -174..174 {
+            let (sin, cos) = libm::sincos((f64::from(degrees) + 0.3) * TAU / 360.0);
+            let leg = move |_: f64| (Point { x: 0.3 + distance * cos, y: distance * sin }, 0.01);
+            let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
+            bench.things.push(&leg);
+            bench.revolve_times(2);
+            assert!(!bench.found().0.is_empty(), "{distance} m, {degrees}");
+        }
+    }
+}
+
+#[test]
+fn a_leg_that_walks_counts_in_the_second_revolution_at_the_ends_of_sectors_too() {
+    for distance in [0.5, 1.0, 1.8] {
+        for speed in [-WALK_MPS, WALK_MPS] {
+            for degrees in (-135..=135).step_by(45).flat_map(|end| end - 6..=end + 6) {
+                // Across the beam that it is met by first, seen from the lidar.
+                let (sin, cos) = libm::sincos(f64::from(degrees) * TAU / 360.0);
+                let leg = move |at: f64| {
+                    let way = speed * (at - 1.0 - 0.1 * (f64::from(degrees) + 180.0) / 360.0);
+                    // What is farther from its middle than 0.8 of its radius is an edge.
+                    (Point { x: 0.3 + distance * cos - way * sin, y: distance * sin + way * cos }, 0.8 * 0.035)
+                };
+                let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
+                bench.things.push(&leg);
+                bench.revolve();
+                assert_eq!(bench.found().0, [], "{distance} m, {degrees}");
+                bench.revolve();
+                assert!(!bench.found().0.is_empty(), "{distance} m, {speed} m/s, {degrees}");
+            }
+        }
+    }
+}
+
 /// A revolution of the bench ends behind; the fourth one begins at this time, s.
 const FOURTH_S: f64 = 1.0 + 3.0 * 0.09972;
 
@@ -339,6 +445,11 @@ fn who_crosses_it_and_is_not_met_in_a_revolution_counts_in_the_next_one() {
     assert!(bench.revolve() && bench.counts().0 > 0);
 }
 
+/// What a beam met beside others.
+fn met(at: Point, bin: usize, distance: f64) -> Met {
+    Met { at, bin, distance, follows: true, finding: Finding::Beside, slice: 0 }
+}
+
 #[test]
 fn a_place_is_compared_up_to_its_tolerance_whatever_the_borders_of_directions() {
     let here = Point::default();
@@ -353,7 +464,7 @@ fn a_place_is_compared_up_to_its_tolerance_whatever_the_borders_of_directions() 
             let place = at(angle + 2.0 * libm::asin(0.0245 / distance));
             let hit = Hit { at: place, when: Instant::ZERO, turns: 1, approaches: false, moves: false, slice: 0 };
             let (bin, distance) = seen_from(here, at(angle));
-            let met = Met { at: at(angle), bin, distance, follows: true, lone: true, slice: 0 };
+            let met = met(at(angle), bin, distance);
             let arc = Arc::around(&[met], SAME_M);
             assert_eq!(View::new(here, [&hit].into_iter(), &arc).turns(bin, distance, SAME_M), 1, "{n} {distance}");
         }
@@ -576,7 +687,7 @@ fn a_view_of_an_arc_answers_as_the_whole_one() {
             .map(|k| {
                 let at = hit(nearest + 3.0 * random(), first + f64::from(k) * 0.014);
                 let (bin, distance) = seen_from(here, at);
-                Met { at, bin, distance, follows: true, lone: false, slice: 0 }
+                self::met(at, bin, distance)
             })
             .collect();
         let same = 0.21;
