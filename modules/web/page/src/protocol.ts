@@ -751,8 +751,8 @@ export type Command =
   /** `action`: `on`, `off` or `reboot`. Engineers. */
   | { type: "power"; id: number; channel: string; action: string }
   /**
-   * Object of a CANopen node, as `LL_CMD_SDO` names it: 1000 more for each CAN bus before its own. `data`:
-   * hexadecimal, least significant byte first; absent: the object is read. Engineers.
+   * Object of a CANopen node, as `LL_CMD_SDO` names it: 1000 more for each CAN bus before its own. `data`: hexadecimal,
+   * least significant byte first; absent: the object is read. Engineers.
    */
   | { type: "sdo"; id: number; node: number; index: number; subindex: number; data?: string }
   /** Fault of the simulation; `duration` in s. Engineers. */
