@@ -38,8 +38,8 @@ pub(super) enum NodeOwner {
 }
 
 impl Requests {
-    /// Starts a request to a node of a master, or answers at once with the reason of rejection; no node: it is none, or
-    /// its bus has no nodes of CANopen.
+    /// Starts a request to a node of a master, or answers at once with the reason of rejection; no node: there is
+    /// none of that number, or its bus has no nodes of CANopen.
     pub(super) fn on_command(
         &mut self,
         now: Instant,
