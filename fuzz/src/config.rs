@@ -5,8 +5,8 @@ use robot::config::{Config, ConfigError, migrated, parsed_world};
 use settings::Node;
 use std::path::Path;
 
-/// A robot's file, which is read as a table of a drive, too, an override, and an assignment of `--set`, separated by zero
-/// bytes.
+/// A robot's file, which is read as a table of a drive, too, an override, and an assignment of `--set`, separated by
+/// zero bytes.
 ///
 /// A refusal has at least one line, and none of its lines is empty or broken.
 pub fn config(data: &[u8]) {

@@ -1,4 +1,5 @@
-//! Robot whose drives are files of its user, in the folder `drives`: it is homed, driven and stopped as the shipped one.
+//! A robot whose drives are files of its user, in the folder `drives`: it is homed, driven and stopped as the shipped
+//! one.
 
 use super::*;
 use std::fs;

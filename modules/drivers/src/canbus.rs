@@ -18,6 +18,7 @@ pub mod ranging;
 pub mod surroundings;
 
 mod agreement;
+mod axis;
 mod body;
 mod brake;
 mod bus;
@@ -57,9 +58,10 @@ mod tests;
 mod vesc;
 mod wheels;
 
+pub use axis::Axis;
 pub use cia402::{BrakeControl, Cia402, Cia402Config, DriveMode, VelocityUnit};
 pub use config::{
-    Axis, BusConfig, Config, ConfigError, Drive, FurtherBus, HomingRelease, Node, PauseStop, PropulsionConfig,
+    BusConfig, Config, ConfigError, Drive, FurtherBus, HomingRelease, Node, PauseStop, PropulsionConfig,
     PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, SteeringKeys, Stop, StopInput, UnbrakedStop, WheelKeys,
 };
 pub use feed_output::{GpioConfig, OutputConfig};
@@ -947,7 +949,7 @@ impl Canbus {
         let drives = self.wheels.drives().chain(self.steering.iter().map(|steering| &steering.drive));
         let is_booted = |node| drives.clone().any(|drive| drive.at() == node && drive.is_booted());
         for (bus, net) in self.nets.iter_mut().enumerate() {
-            self.inputs.advance(now, (bus, net.is_alone()), &is_booted, &mut net.master);
+            self.inputs.advance(now, (bus, net.is_alone()), is_booted, &mut net.master);
         }
     }
 

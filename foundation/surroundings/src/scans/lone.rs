@@ -1,7 +1,7 @@
 //! Beams that meet something alone: nearer than its neighbours, which pass it although a leg would be met by two.
 //!
-//! The neighbours of the first beams of a sector are in the one before. Those of the last ones are still to be measured:
-//! they count as beams beside which something may be, because who walks is not to be found later for that.
+//! The neighbours of the first beams of a sector are in the one before. Those of the last ones are still to be
+//! measured: they count as beams beside which something may be, because who walks is not to be found later for that.
 
 use super::{LEG_SPACING_M, SAME_M};
 use base::{Duration, Instant};

@@ -6,7 +6,8 @@
 //! Silence   a value counts for `pause::FIELDS_TIMEOUT` from the request that it answers. A drive that is lost, does
 //!           not answer, or refuses the object is not known, and that is PAUSE
 
-use super::config::{Axis, Stop};
+use super::axis::Axis;
+use super::config::Stop;
 use super::devices;
 use super::net::NodeAt;
 use super::pause::{InputName, PauseLine};

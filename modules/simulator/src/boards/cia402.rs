@@ -81,8 +81,8 @@ impl Cia402Config {
         self.gear.or_else(|| ratio(objects, 0x6091)).unwrap_or(1.0)
     }
 
-    /// Velocity units per m/s of the wheel, or per rad/s of the steering; `per_turn`: what a turn of the output is, m or
-    /// rad.
+    /// Velocity units per m/s of the wheel, or per rad/s of the steering; `per_turn`: what a turn of the output is, m
+    /// or rad.
     #[must_use]
     pub fn velocity_units(&self, node: u8, per_turn: f64) -> f64 {
         let mut objects = self.sheet.dictionary(node);

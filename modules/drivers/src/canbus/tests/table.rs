@@ -187,7 +187,8 @@ fn a_node_has_the_objects_of_its_table_and_the_keys_of_its_axis() {
     let steering =
         text("icla").replace("keeps_quick_stop", "counts_per_turn = 2000\nhoming_method = 23\nkeeps_quick_stop");
     let rows = "{ id = 1, axis = \"propulsion\", driver = \"lift\" },\n\
-                { id = 2, axis = \"steering\", driver = \"icla\", gear = 180, switch_rad = 0, homing_speed_radps = 0.2 },";
+                { id = 2, axis = \"steering\", driver = \"icla\", gear = 180, switch_rad = 0, \
+                 homing_speed_radps = 0.2 },";
     let bus = nodes(&[("lift", &of_wheel), ("icla", &steering)], rows).unwrap();
     let (Drive::Wheel(wheel), Drive::Steering(steering)) = (&bus.nodes[0].drive, &bus.nodes[1].drive) else {
         panic!("{:?}", bus.nodes)
