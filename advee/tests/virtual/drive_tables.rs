@@ -51,6 +51,12 @@ fn drives(name: &str, place: &RobotLocation) {
     assert_eq!(robot.speed(), 0.0, "{name}");
 }
 
+/// What refuses it before it starts.
+fn refusal(place: &RobotLocation) -> String {
+    let config = robot::config::Config::load(&place.config, true, &[]).unwrap();
+    robot::preflight::check(place, &config, &simulator::world::World::default()).unwrap_err().to_string()
+}
+
 #[test]
 fn drives_by_a_data_sheet_and_by_objects_with_one_drive_the_robot() {
     // Homed and driven by the objects of its file, and simulated by its data sheet.
@@ -78,7 +84,7 @@ fn a_table_of_objects_without_a_drive_to_simulate_is_refused_in_simulation() {
     let files = [("turn.toml", &*ICLA.replace("simulated = \"icla\"\n", ""))];
     let nodes = ["driver = \"epos\"\ngear = 26", &format!("driver = \"turn\"\ngear = 180\n{HOMED}")];
     let place = robot("neither", nodes, &files);
-    let refused = virtual_machine(&place, Config { seed: 1, ..Config::default() }).err().unwrap().to_string();
+    let refused = refusal(&place);
     assert!(refused.contains("the steering drive cannot be simulated: drives/turn.toml has neither eds"), "{refused}");
 }
 
@@ -94,7 +100,7 @@ fn what_is_wrong_in_the_folder_is_named_with_file_and_line() {
     // A sheet that is not there is named by the file that names it.
     let nodes = ["driver = \"wheel\"", &format!("driver = \"icla\"\ngear = 180\n{HOMED}")];
     let place = self::robot("no-sheet", nodes, &[("wheel.toml", &WHEEL.replace("wheel.dcf", "other.dcf"))]);
-    let refused = virtual_machine(&place, Config { seed: 1, ..Config::default() }).err().unwrap().to_string();
+    let refused = refusal(&place);
     let expected = "drives/wheel.toml:2: can.main.nodes[0].eds = \"drives/other.dcf\": expected a data sheet: ";
     assert!(refused.contains(expected), "{refused}");
 }

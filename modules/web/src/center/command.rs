@@ -25,6 +25,8 @@ const WORD_MAX: usize = 64;
 const DATA_MAX: usize = 1024;
 /// Greatest integer that JavaScript represents exactly.
 const INTEGER_MAX: u64 = (1 << 53) - 1;
+/// What is said of a number that names no node.
+const NO_NODE: &str = "CANopen nodes are 1 to 127, 1000 more for each CAN bus before theirs";
 
 /// Page to `/ws/command`. `id`: a number of the page's choice, which the answer carries.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -300,6 +302,7 @@ impl Command {
             Self::Parameter { value, .. } | Self::Simulation { value, .. } if !in_range(*value) => {
                 return Err("a value out of range".into());
             }
+            Self::Sdo { node, .. } => return is_node(*node).then_some(()).ok_or_else(|| NO_NODE.into()),
             Self::Route { name, .. } | Self::Parameter { name, .. } => &[name],
             Self::Mode { mode, .. } => &[mode],
             Self::Simulation { action, .. } => &[action],
@@ -327,6 +330,11 @@ impl Command {
             _ => None,
         }
     }
+}
+
+/// True for the number of a node in `LL_CMD_SDO`: its id, and 1000 more for each CAN bus before its own.
+fn is_node(number: i32) -> bool {
+    number > 0 && (1..=127).contains(&(number % 1000))
 }
 
 fn in_range(number: f64) -> bool {
@@ -410,8 +418,8 @@ pub fn message(command: &Command, robot: &Robot, timestamp: i64, source: &str) -
 /// # Errors
 /// The data to be written is invalid; one line.
 pub fn sdo(node: i32, index: u16, subindex: u8, data: Option<&str>) -> Result<CmdSdo, String> {
-    if node < 0 || !(1..=127).contains(&(node % 1000)) {
-        return Err("CANopen nodes are 1 to 127, 1000 more for each CAN bus before theirs".into());
+    if !is_node(node) {
+        return Err(NO_NODE.into());
     }
     let wrong = || format!("expected an even number of hexadecimal digits, 1 to {DATA_MAX} bytes");
     let bytes = data.map(|data| bytes(data).ok_or_else(wrong)).transpose()?;

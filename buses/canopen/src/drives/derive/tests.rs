@@ -358,8 +358,11 @@ fn identity_is_that_of_the_sheet_or_of_the_quirks() {
     };
     let vendor = Expect::equal(0x1018, 1, 0x555);
     assert!(derived_with(&[]).contains(&vendor) && derived_with(&[]).contains(&Expect::masked(0x1000, 0, 0xFFFF, 402)));
-    let other = Expect::at_least(0x2003, 1, 7);
+    let other = Expect::equal(0x1018, 1, 7);
     assert!(derived_with(&[other]).contains(&other) && !derived_with(&[other]).contains(&vendor));
+    // A further object is compared beside that of the sheet.
+    let further = Expect::at_least(0x2003, 1, 7);
+    assert!([further, vendor].iter().all(|expect| derived_with(&[further]).contains(expect)));
 }
 
 #[test]
