@@ -103,7 +103,7 @@ settings! {
         device_type: Option<u32> = optional, 0..=4_294_967_295;
         /// Vendor id, 0x1018:1.
         vendor: u32 = required, 1..=4_294_967_295;
-        /// Product code, 0x1018:2. Absent: not compared.
+        /// Product code, 0x1018:2. Absent: not compared, and `identity` has an object at least.
         product: Option<u32> = optional, 0..=4_294_967_295;
         /// Least revision, 0x1018:3. Absent: not compared.
         revision_min: Option<u32> = optional, 0..=4_294_967_295;
@@ -435,7 +435,13 @@ impl ObjectsFile {
                     table.refuse(key, "nothing: a wheel is not homed");
                 }
             }
-            TableMode::Position => self.homing_method.into_iter().for_each(|number| check_method(table, number)),
+            TableMode::Position => {
+                self.homing_method.into_iter().for_each(|number| check_method(table, number));
+                // Remote, target reached, internal limit, and two of the mode are set without a homing, too.
+                if self.homed_bit.is_some_and(|bit| (9..=13).contains(&bit)) {
+                    table.refuse("homed_bit", "8, 14 or 15: the others are those of CiA 402");
+                }
+            }
         }
         if self.quick_stop_word & 0x86 != 0x02 {
             table.refuse("quick_stop_word", "a controlword with bit 1 set, bits 2 and 7 clear");
@@ -453,6 +459,9 @@ impl ObjectsFile {
             check_beside(table, eds);
         }
         identity_keys::check_count(table, &self.identity);
+        if self.product.is_none() && self.identity.is_empty() {
+            table.refuse_missing("product", "the product code, or an object in identity: a vendor has several drives");
+        }
         for (key, count, most) in
             [("settings", self.settings.len(), SETTINGS_MAX), ("motor", self.motor.len(), READINGS_MAX)]
         {

@@ -168,10 +168,20 @@ fn a_table_that_could_not_stop_its_drive_or_moves_it_by_unknown_values_is_refuse
         "guarding.factor = 3: expected at most 0.2 s for period_s times factor",
     );
     let icla = text("icla");
+    let product = "product = 0x4E30_3635\n";
+    let identity = "[[identity]]\nindex = 0x6502\nmask = 0x21\nequal = 0x21\n";
+    assert!(icla.contains(product) && icla.contains(identity));
+    assert!(read(&icla.replace(product, "")).is_ok() && read(&icla.replace(identity, "")).is_ok());
+    let wrong = read(&icla.replace(product, "").replace(identity, "")).unwrap_err();
+    assert!(wrong[0].contains("product: missing, expected the product code, or an object in identity"), "{wrong:?}");
     let map = "map = [0x6040_0010, 0x607A_0020]";
     assert!(icla.contains(map));
     let wrong = read(&icla.replace(map, "map = [0x6040_0010, 0x607A_0020, 0x6060_0008]")).unwrap_err();
     assert!(wrong[0].contains("rpdo.map = [3 items]: expected 0x60400010 and 0x607A0020 alone"), "{wrong:?}");
+    for bit in 9..=13 {
+        let wrong = read(&icla.replace("homed_bit = 15", &format!("homed_bit = {bit}"))).unwrap_err();
+        assert!(wrong[0].contains(&format!("homed_bit = {bit}: expected 8, 14 or 15")), "{wrong:?}");
+    }
     // A steering would move at a speed that is stored in its drive.
     let wrong = read(&icla.replace("value = \"velocity\"", "value = 600")).unwrap_err();
     assert!(wrong[0].contains("expected one with value = \"velocity\", or 0x6081 in stops_without"), "{wrong:?}");
