@@ -5,7 +5,7 @@ pub use drivers::canbus::tables::DriveTables;
 use drivers::canbus::tables::{BYTES_MAX, FOLDER};
 use settings::{ConfigError, Node};
 use std::fs::{self, File};
-use std::io::Read;
+use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 /// The built-in tables, and those of the folder of a configuration.
@@ -63,10 +63,11 @@ fn name(path: &Path) -> String {
     path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// The files of the folder, by name; none where there is no folder.
+/// The files of the folder, by name; none where there is no folder. Something else of this name is an error: a table of
+/// the user's would silently be the built-in one.
 fn files(dir: &Path) -> Result<Vec<PathBuf>, ConfigError> {
     let folder = dir.join(FOLDER);
-    if !folder.is_dir() {
+    if !dir.is_dir() || fs::symlink_metadata(&folder).is_err_and(|error| error.kind() == ErrorKind::NotFound) {
         return Ok(Vec::new());
     }
     let error = |error: std::io::Error| ConfigError(vec![format!("{}: {error}", folder.display())]);
@@ -90,4 +91,21 @@ fn text(path: &Path) -> Result<String, Vec<String>> {
     }
     File::open(path).map_err(error)?.take(BYTES_MAX as u64 + 1).read_to_string(&mut text).map_err(error)?;
     Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_in_place_of_the_folder_is_refused() {
+        let dir = std::env::temp_dir().join(format!("advee-drives-{}", std::process::id()));
+        fs::create_dir_all(&dir).unwrap();
+        assert!(read(&dir).is_ok());
+        fs::write(dir.join(FOLDER), "").unwrap();
+        let ConfigError(lines) = read(&dir).unwrap_err();
+        fs::remove_dir_all(&dir).unwrap();
+        assert_eq!(lines.len(), 1);
+        assert!(lines[0].starts_with(&dir.join(FOLDER).display().to_string()), "{lines:?}");
+    }
 }

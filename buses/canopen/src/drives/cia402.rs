@@ -91,7 +91,9 @@ impl Setting {
         Self::new(0x6060, DataType::I8, Quantity::Fixed(mode.code() as i64))
     }
 
-    pub(super) fn number(&self, parameters: &Parameters) -> i64 {
+    /// Its value with these parameters, in the drive's unit. It may be beyond what its type holds.
+    #[must_use]
+    pub fn number(&self, parameters: &Parameters) -> i64 {
         match self.value {
             Quantity::Velocity => parameters.velocity.into(),
             Quantity::Acceleration => parameters.acceleration.into(),

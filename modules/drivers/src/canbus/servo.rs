@@ -52,12 +52,15 @@ impl Servo {
         let (table, parameters, units, turns, reservations) = match &own.drive {
             PropulsionDrive::Table { table, units_per_mps } => {
                 let (parameters, units) = by_table(own.node, *units_per_mps, table.velocity_max, limits);
-                let (velocity, high) = (units.speed(limits.speed_mps), table.velocity_max.unwrap_or(u32::MAX));
+                // A target has 32 bits and a sign.
+                let high = table.velocity_max.unwrap_or(u32::MAX).min(i32::MAX.unsigned_abs());
+                let velocity = units.speed(limits.speed_mps);
                 if velocity > high {
                     let reason = Reason::OutOfLimits { value: velocity.into(), low: 1, high: high.into() };
                     let refusal = Refusal { index: 0x607F, sub: 0, reason };
                     return Err(ConfigError::Drive { axis: own.axis, refusal });
                 }
+                table.check(&parameters).map_err(|refusal| ConfigError::Drive { axis: own.axis, refusal })?;
                 (table.table.clone(), parameters, units, units_per_mps / table.units_per_turn, Vec::new())
             }
             PropulsionDrive::Cia402 { drive, circumference } => {

@@ -540,6 +540,7 @@ fn by_table(
         let refusal = Refusal { index: 0x6081, sub: 0, reason };
         return Err(ConfigError::Drive { axis: super::Axis::Steering, refusal });
     }
+    own.check(&parameters).map_err(|refusal| ConfigError::Drive { axis: super::Axis::Steering, refusal })?;
     let acceleration = own.homing_acceleration;
     Ok(Built { table: own.table.clone(), parameters, units, acceleration, reservations: Vec::new() })
 }

@@ -9,12 +9,13 @@ use super::identity_keys::{self, IdentityKeys};
 use base::Duration;
 use canopen::axis::modes::Mode;
 use canopen::dictionary::DataType;
-use canopen::drives::cia402::{self, CONTROLWORD, Pdo, Quantity, STATUSWORD, Setting, Transmission};
+use canopen::drives::cia402::{self, CONTROLWORD, Parameters, Pdo, Quantity, STATUSWORD, Setting, Transmission};
+use canopen::drives::derive::{Reason, Refusal};
 use canopen::drives::motor::{Reading, Topic, Unit};
 use canopen::master::{Expect, Guarding};
 use settings::{Entry, Form, Node, Table, Value, read_as, settings};
 use std::borrow::Cow;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
 /// The built-in files, by name.
@@ -33,8 +34,14 @@ const MODE: u32 = 0x6060_0008;
 const VELOCITY: [u32; 2] = [0x60FF_0020, 0x606C_0020];
 /// Target and actual position.
 const POSITION: [u32; 2] = [0x607A_0020, 0x6064_0020];
-/// Objects that are commanded, not set.
-const COMMANDED: [u16; 9] = [0x6040, 0x6042, 0x6060, 0x6071, 0x607A, 0x60C1, 0x60FF, 0x60B1, 0x60B2];
+/// Objects that are commanded, not set; the digital outputs among them, of which one may release a brake.
+const COMMANDED: [u16; 11] = [0x6040, 0x6042, 0x6060, 0x6071, 0x607A, 0x60B0, 0x60B1, 0x60B2, 0x60C1, 0x60FE, 0x60FF];
+/// Indices from one axis of a device to the next (CiA 402).
+const AXIS: u16 = 0x800;
+/// Objects without which a drive may stop by its manual.
+const STOPPING: [u16; 7] = [0x6007, 0x605A, 0x605E, 0x6081, 0x6083, 0x6084, 0x6085];
+/// Longest time without a request after which a drive that is guarded stops: that of the heartbeat.
+const LIFE_MAX: Duration = Duration::from_millis(200);
 
 settings! {
     /// A drive as a file.
@@ -56,6 +63,7 @@ settings! {
         eds: PathBuf = required;
         keys: Cia402Config = flat;
     }
+    check SheetFile::check;
 }
 
 settings! {
@@ -88,13 +96,14 @@ settings! {
         /// Node guarding, of a drive without heartbeats.
         guarding: Option<GuardingKeys> = optional;
         /// Indices of objects that the drive lacks, or that are not to be written, and without which it stops
-        /// nevertheless, by its manual: 0x6084 and 0x6085; of the simulated drive also 0x605A, 0x605E and 0x6007.
+        /// nevertheless, by its manual: 0x6081 of a steering, 0x6083, 0x6084, 0x6085, 0x605A, 0x605E, 0x6007. The
+        /// simulated drive by `eds` stops without the last three as the standard has it.
         stops_without: Vec<u16> = Vec::new(), 0x6007..=0x6085;
         /// Device type, 0x1000. Absent: not compared.
         device_type: Option<u32> = optional, 0..=4_294_967_295;
         /// Vendor id, 0x1018:1.
         vendor: u32 = required, 1..=4_294_967_295;
-        /// Product code, 0x1018:2. Absent: not compared.
+        /// Product code, 0x1018:2. Absent: not compared, and `identity` has an object at least.
         product: Option<u32> = optional, 0..=4_294_967_295;
         /// Least revision, 0x1018:3. Absent: not compared.
         revision_min: Option<u32> = optional, 0..=4_294_967_295;
@@ -144,10 +153,12 @@ settings! {
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub struct GuardingKeys {
         /// Guard time, 0x100C.
-        period_s as period: Duration = 0.1, 0.01..=1.0;
-        /// Life time factor, 0x100D: requests without an answer until the node is lost.
+        period_s as period: Duration = 0.1, 0.01..=0.2;
+        /// Life time factor, 0x100D: requests without an answer until the node is lost. The drive stops after this
+        /// number of guard times without a request, at most 0.2 s together.
         factor: u8 = 2, 1..=10;
     }
+    check GuardingKeys::check;
 }
 
 settings! {
@@ -176,10 +187,11 @@ settings! {
         number: u8 = required, 1..=4;
         /// Mapping, in the form of 0x1600: 0x60FF0020 is 0x60FF:0 with 32 bits.
         map: Vec<u32> = required, 0x1000_0008..=0x9FFF_FF40;
-        /// Transmission type that is written at each boot-up. Absent: the communication parameters stay as they are.
-        transmission: Option<u8> = optional, 0..=255;
+        /// Transmission type that is written at each boot-up, at an event: a synchronous command or value would wait
+        /// for SYNC. Absent: the communication parameters stay as they are.
+        transmission: Option<u8> = optional, 254..=255;
         /// Inhibit time.
-        inhibit_s as inhibit: Option<Duration> = optional, 0.0..=6.5535;
+        inhibit_s as inhibit: Option<Duration> = optional, 0.0..=0.05;
         /// Event timer.
         event_s as event: Option<Duration> = optional, 0.001..=65.535;
         /// A drive that maps it otherwise is changed; else it is refused.
@@ -380,6 +392,29 @@ impl DriveTable {
     pub fn turns_wheels(&self) -> bool {
         self.table.mode == Mode::ProfileVelocity
     }
+
+    /// Refuses values that an object cannot hold by its type: they would be cut, the ramp of a stop among them.
+    pub(super) fn check(&self, parameters: &Parameters) -> Result<(), Refusal> {
+        self.table.settings.iter().try_for_each(|setting| {
+            let (value, (low, high)) = (setting.number(parameters), setting.data_type.range());
+            let reason = Reason::OutOfLimits { value, low, high };
+            let fits = (low..=high).contains(&value);
+            if fits { Ok(()) } else { Err(Refusal { index: setting.index, sub: setting.sub, reason }) }
+        })
+    }
+}
+
+impl SheetFile {
+    fn check(&self, table: &Table<'_>) {
+        check_beside(table, &self.eds);
+    }
+}
+
+/// A data sheet lies in the folder of the file that names it, or below: a file from elsewhere names no other one.
+fn check_beside(table: &Table<'_>, eds: &Path) {
+    if !eds.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir)) {
+        table.refuse("eds", "a data sheet beside this file, or in a folder beside it");
+    }
 }
 
 impl ObjectsFile {
@@ -400,7 +435,13 @@ impl ObjectsFile {
                     table.refuse(key, "nothing: a wheel is not homed");
                 }
             }
-            TableMode::Position => self.homing_method.into_iter().for_each(|number| check_method(table, number)),
+            TableMode::Position => {
+                self.homing_method.into_iter().for_each(|number| check_method(table, number));
+                // Remote, target reached, internal limit, and two of the mode are set without a homing, too.
+                if self.homed_bit.is_some_and(|bit| (9..=13).contains(&bit)) {
+                    table.refuse("homed_bit", "8, 14 or 15: the others are those of CiA 402");
+                }
+            }
         }
         if self.quick_stop_word & 0x86 != 0x02 {
             table.refuse("quick_stop_word", "a controlword with bit 1 set, bits 2 and 7 clear");
@@ -411,7 +452,16 @@ impl ObjectsFile {
         if self.simulated.is_some_and(|twin| twin.mode() != self.mode) {
             table.refuse("simulated", "a drive of this mode of operation");
         }
+        if !self.stops_without.iter().all(|index| STOPPING.contains(index)) {
+            table.refuse("stops_without", "indices of objects by which a drive stops");
+        }
+        if let Some(eds) = &self.eds {
+            check_beside(table, eds);
+        }
         identity_keys::check_count(table, &self.identity);
+        if self.product.is_none() && self.identity.is_empty() {
+            table.refuse_missing("product", "the product code, or an object in identity: a vendor has several drives");
+        }
         for (key, count, most) in
             [("settings", self.settings.len(), SETTINGS_MAX), ("motor", self.motor.len(), READINGS_MAX)]
         {
@@ -420,8 +470,11 @@ impl ObjectsFile {
             }
         }
         self.check_ramps(table);
+        self.check_settings(table);
         if let Some(rpdo) = table.below("rpdo") {
-            self.rpdo.check_content(&rpdo, &[CONTROLWORD, target], &[MODE]);
+            // A mode in the RPDO would hinder homing, which changes it.
+            let allowed: &[u32] = if self.mode == TableMode::Velocity { &[MODE] } else { &[] };
+            self.rpdo.check_content(&rpdo, &[CONTROLWORD, target], allowed);
         }
         if !(1..=PDOS).contains(&self.tpdos.len()) {
             table.refuse("tpdos", format_args!("1 to {PDOS} tables"));
@@ -435,10 +488,17 @@ impl ObjectsFile {
         }
     }
 
-    /// A drive that is to stop has the ramps for it, or needs none.
+    /// A drive that is to stop has the ramps for it, or needs none; nor is it to move by what is stored in it.
     fn check_ramps(&self, table: &Table<'_>) {
-        let ramps = [(Quantity::Deceleration, 0x6084, "deceleration"), (Quantity::QuickStop, 0x6085, "quick stop")];
-        for (quantity, index, name) in ramps {
+        let mut needed = vec![
+            (Quantity::Acceleration, 0x6083, "acceleration"),
+            (Quantity::Deceleration, 0x6084, "deceleration"),
+            (Quantity::QuickStop, 0x6085, "quick stop"),
+        ];
+        if self.mode == TableMode::Position {
+            needed.push((Quantity::Velocity, 0x6081, "velocity"));
+        }
+        for (quantity, index, name) in needed {
             let is_set = self.settings.iter().any(|setting| setting.value.0 == quantity);
             if !is_set && !self.stops_without.contains(&index) {
                 let expected = format!("one with value = {name:?}, or 0x{index:04X} in stops_without");
@@ -447,6 +507,29 @@ impl ObjectsFile {
                 } else {
                     table.refuse_missing("settings", expected);
                 }
+            }
+        }
+    }
+
+    /// Refuses settings that contradict the others: a ramp that is written once more, and a code with which the drive
+    /// does not brake, or goes on without its master.
+    fn check_settings(&self, table: &Table<'_>) {
+        for (n, setting) in self.settings.iter().enumerate().take(SETTINGS_MAX) {
+            let Some(item) = table.item("settings", n) else { continue };
+            let is_again = |other: &SettingKeys| {
+                (other.index, other.sub) == (setting.index, setting.sub) && !(other.is_fixed() && setting.is_fixed())
+            };
+            if self.settings[..n].iter().any(is_again) {
+                item.refuse("index", "an object that is not set before");
+            }
+            let Quantity::Fixed(code) = setting.value.0 else { continue };
+            let expected = match (setting.index, setting.sub, code) {
+                (0x605A | 0x605E, 0, 0) => "a code with which the motor does not roll on",
+                (0x6007, 0, 0 | 2) => "3 or 1: a drive whose master is lost must brake",
+                _ => continue,
+            };
+            if !self.stops_without.contains(&setting.index) {
+                item.refuse("value", format_args!("{expected}, or 0x{:04X} in stops_without", setting.index));
             }
         }
     }
@@ -514,10 +597,21 @@ impl Twin {
     }
 }
 
+impl GuardingKeys {
+    fn check(&self, table: &Table<'_>) {
+        if self.period.saturating_mul(u32::from(self.factor)) > LIFE_MAX {
+            let key = if table.has("period_s") { "period_s" } else { "factor" };
+            table.refuse(key, "at most 0.2 s for period_s times factor, the limit of a heartbeat");
+        }
+    }
+}
+
 impl SettingKeys {
     fn check(&self, table: &Table<'_>) {
         let is_of_maker_or_profile = self.index == 0x1029 || self.index >= 0x2000;
-        if !is_of_maker_or_profile || COMMANDED.contains(&self.index) {
+        // Of each axis of the device.
+        let of_axis = self.index.checked_sub(0x6000).map(|index| 0x6000 + index % AXIS);
+        if !is_of_maker_or_profile || of_axis.is_some_and(|index| COMMANDED.contains(&index)) {
             table.refuse("index", "0x1029, or an object of the maker or the profile that commands nothing");
         }
         let (low, high) = self.data_type.data_type().range();
@@ -526,6 +620,10 @@ impl SettingKeys {
         {
             table.refuse("value", format_args!("an integer from {low} to {high}, by its type"));
         }
+    }
+
+    fn is_fixed(&self) -> bool {
+        matches!(self.value.0, Quantity::Fixed(_))
     }
 
     fn setting(&self) -> Setting {
@@ -555,7 +653,11 @@ impl PdoKeys {
         if lacks || has_more {
             let list = |entries: &[u32]| entries.iter().map(|entry| format!("0x{entry:08X}")).collect::<Vec<_>>();
             let (required, allowed) = (list(required).join(" and "), list(allowed).join(" or "));
-            table.refuse("map", format_args!("{required}, and at most {allowed} beside them"));
+            if allowed.is_empty() {
+                table.refuse("map", format_args!("{required} alone"));
+            } else {
+                table.refuse("map", format_args!("{required}, and at most {allowed} beside them"));
+            }
         }
     }
 

@@ -4,6 +4,7 @@ use super::super::table::{BUILT_IN, DriveFile, built_in, parsed};
 use super::super::tables::{BYTES_MAX, DriveTables, FILES_MAX};
 use super::super::{BusConfig, Drive, VelocityUnit};
 use canopen::drives::cia402::{Parameters, Table};
+use canopen::drives::derive::{Reason, Refusal};
 use canopen::drives::{epos, icla};
 use canopen::master::Expect;
 use settings::{Node, Problems, Table as Keys};
@@ -61,12 +62,12 @@ fn their_boot_up_is_that_of_the_drives() {
 
 #[test]
 fn every_key_of_a_table_of_objects_reaches_it() {
-    let more = "guarding = { period_s = 0.2, factor = 3 }\nwatches_master = false\nhomed_bit = 12\nrevision_min = 7\n\
+    let more = "guarding = { period_s = 0.05, factor = 3 }\nwatches_master = false\nhomed_bit = 12\nrevision_min = 7\n\
                 product = 9\nvendor = 0x0000_00FB";
     let file = text("epos").replace("vendor = 0x0000_00FB", more).replace("inhibit_s", "event_s = 0.5\ninhibit_s");
     let table = objects(&file.replace("number = 4", "number = 3\nadjust = true"));
     let guarding = table.guarding.unwrap();
-    assert_eq!((guarding.period.as_millis(), guarding.factor, table.watches_master), (200, 3, false));
+    assert_eq!((guarding.period.as_millis(), guarding.factor, table.watches_master), (50, 3, false));
     assert_eq!(table.homed, 1 << 12);
     assert_eq!(table.identity[1..3], [Expect::equal(0x1018, 2, 9), Expect::at_least(0x1018, 3, 7)]);
     let tpdo = table.tpdos.last().unwrap();
@@ -128,6 +129,86 @@ fn what_is_wrong_in_a_file_is_named_with_its_line() {
     let wrong = read(&SHEET.replace("eds = \"wheel.eds\"\n", "")).unwrap_err();
     assert_eq!(wrong, ["drives/lift.toml:1: eds: missing, expected a text"]);
     assert!(read("form = \"sheet\"\neds = [").unwrap_err()[0].starts_with("drives/lift.toml:2: "));
+}
+
+#[test]
+fn a_table_that_could_not_stop_its_drive_or_moves_it_by_unknown_values_is_refused() {
+    refused("transmission = 255", "transmission = 1", "tpdos[1].transmission = 1: expected an integer from 254 to 255");
+    refused("inhibit_s = 0.01", "inhibit_s = 1", "tpdos[1].inhibit_s = 1: expected a number from 0 to 0.05");
+    refused("index = 0x607F", "index = 0x60FE", "settings[0].index = 24830: expected 0x1029, or an object of");
+    // The mode of the second axis of a device.
+    refused("index = 0x607F", "index = 0x6860", "settings[0].index = 26720: expected 0x1029, or an object of");
+    refused(
+        "value = \"acceleration\"",
+        "value = 5",
+        "settings = [4 items]: expected one with value = \"acceleration\", or 0x6083 in stops_without",
+    );
+    let with = |index: &str, value: &str, expected: &str| {
+        let more = format!("[[settings]]\nindex = {index}\ntype = \"INTEGER16\"\nvalue = {value}\n[rpdo]");
+        refused("[rpdo]", &more, expected);
+    };
+    with("0x6085", "1", "settings[4].index = 24709: expected an object that is not set before");
+    with("0x6085", "\"velocity\"", "settings[4].index = 24709: expected an object that is not set before");
+    with(
+        "0x6007",
+        "0",
+        "settings[4].value = 0: expected 3 or 1: a drive whose master is lost must brake, or 0x6007 in",
+    );
+    with("0x6007", "2", "settings[4].value = 2: expected 3 or 1");
+    with("0x605A", "0", "settings[4].value = 0: expected a code with which the motor does not roll on");
+    with("0x605E", "0", "settings[4].value = 0: expected a code with which the motor does not roll on");
+    refused(
+        "keeps_quick_stop",
+        "stops_without = [0x6040]\nkeeps_quick_stop",
+        "stops_without = [1 items]: expected indices of objects by which a drive stops",
+    );
+    refused(
+        "keeps_quick_stop",
+        "guarding = { factor = 3 }\nkeeps_quick_stop",
+        "guarding.factor = 3: expected at most 0.2 s for period_s times factor",
+    );
+    let icla = text("icla");
+    let product = "product = 0x4E30_3635\n";
+    let identity = "[[identity]]\nindex = 0x6502\nmask = 0x21\nequal = 0x21\n";
+    assert!(icla.contains(product) && icla.contains(identity));
+    assert!(read(&icla.replace(product, "")).is_ok() && read(&icla.replace(identity, "")).is_ok());
+    let wrong = read(&icla.replace(product, "").replace(identity, "")).unwrap_err();
+    assert!(wrong[0].contains("product: missing, expected the product code, or an object in identity"), "{wrong:?}");
+    let map = "map = [0x6040_0010, 0x607A_0020]";
+    assert!(icla.contains(map));
+    let wrong = read(&icla.replace(map, "map = [0x6040_0010, 0x607A_0020, 0x6060_0008]")).unwrap_err();
+    assert!(wrong[0].contains("rpdo.map = [3 items]: expected 0x60400010 and 0x607A0020 alone"), "{wrong:?}");
+    for bit in 9..=13 {
+        let wrong = read(&icla.replace("homed_bit = 15", &format!("homed_bit = {bit}"))).unwrap_err();
+        assert!(wrong[0].contains(&format!("homed_bit = {bit}: expected 8, 14 or 15")), "{wrong:?}");
+    }
+    // A steering would move at a speed that is stored in its drive.
+    let wrong = read(&icla.replace("value = \"velocity\"", "value = 600")).unwrap_err();
+    assert!(wrong[0].contains("expected one with value = \"velocity\", or 0x6081 in stops_without"), "{wrong:?}");
+}
+
+#[test]
+fn a_ramp_that_its_object_cannot_hold_refuses_the_drive() {
+    let of_ramp = |data_type: &str| format!("index = 0x6085\ntype = \"{data_type}\"");
+    let epos_file = text("epos");
+    assert!(epos_file.contains(&of_ramp("UNSIGNED32")));
+    let narrow = epos_file.replace(&of_ramp("UNSIGNED32"), &of_ramp("UNSIGNED8"));
+    let table = read(&narrow).unwrap().objects("lift").unwrap();
+    let with = |quick_stop_deceleration| table.check(&Parameters { quick_stop_deceleration, ..epos::parameters(1) });
+    assert_eq!(with(255), Ok(()));
+    let reason = Reason::OutOfLimits { value: 256, low: 0, high: 255 };
+    assert_eq!(with(256), Err(Refusal { index: 0x6085, sub: 0, reason }));
+}
+
+#[test]
+fn a_data_sheet_lies_beside_the_file_that_names_it() {
+    for eds in ["../wheel.eds", "sheets/../../wheel.eds", "/etc/wheel.eds"] {
+        let expected = format!("drives/lift.toml:2: eds = {eds:?}: expected a data sheet beside this file");
+        let wrong = read(&SHEET.replace("wheel.eds", eds)).unwrap_err();
+        assert!(wrong.len() == 1 && wrong[0].starts_with(&expected), "{wrong:?}");
+        refused("keeps_quick_stop", &format!("eds = {eds:?}\nkeeps_quick_stop"), &format!("eds = {eds:?}: expected"));
+    }
+    assert!(read(&SHEET.replace("wheel.eds", "sheets/wheel.eds")).is_ok());
 }
 
 #[test]
