@@ -148,8 +148,8 @@ fn the_speed_that_a_drive_permits_its_motor_is_compared_at_each_boot_up_or_writt
     assert_eq!(written.epos.node.get(0x6080, 0), Some(3000));
 }
 
-/// The wheel's brake is on the output of its drive, and needs 300 ms; `objects`: what is stored in the device.
-fn braked(objects: &[Entry], mask: bool) -> Robot {
+/// A sheet, and a robot whose wheel's brake is on the output of its drive, and needs 300 ms.
+fn with_brake(mask: bool) -> (Eds, Config) {
     let release = Duration::from_millis(300);
     let mut text = String::from_utf8_lossy(EPOS4).replace("\r\n", "\n");
     if mask {
@@ -165,7 +165,13 @@ fn braked(objects: &[Entry], mask: bool) -> Robot {
         ..Cia402Config::usual()
     };
     config.wheels[0].drive = wheel(text.as_bytes(), keys);
-    let mut robot = Robot::with(Eds::parse(text.as_bytes()).unwrap().dictionary(1).with(objects), config);
+    (Eds::parse(text.as_bytes()).unwrap(), config)
+}
+
+/// The same, ready; `objects`: what is stored in the device.
+fn braked(objects: &[Entry], mask: bool) -> Robot {
+    let (sheet, config) = with_brake(mask);
+    let mut robot = Robot::with(sheet.dictionary(1).with(objects), config);
     robot.pass(3000);
     assert!(robot.motion().homed, "{}", robot.reason());
     robot
@@ -271,6 +277,59 @@ fn a_brake_is_not_set_while_the_wheel_rolls_without_torque() {
     robot.epos.node.set(0x606C, 0, 0);
     robot.pass(2000);
     assert_eq!(output(&robot), 1);
+}
+
+/// A robot on a slope rolls as soon as its drive has no torque: to read the outputs first would take too long.
+#[test]
+fn a_brake_is_set_at_once_where_its_drive_loses_its_torque_at_standstill() {
+    for mask in [false, true] {
+        let mut robot = braked(&[Entry::new(0x60FE, 1, DataType::U32, Access::ReadWrite, 0x1_0000)], mask);
+        robot.drive(0.4, 1000);
+        robot.pass(1500);
+        assert_eq!((robot.epos.power.state(), output(&robot)), (PowerState::QuickStopActive, 0x1_0000));
+        robot.frames.clear();
+        let now = robot.bench.now();
+        robot.epos.fault(now, 0x2310);
+        robot.pass(50);
+        let access = |first: u8| {
+            let is_it = |frame: &can::Frame| {
+                frame.id() == can::Id::Standard(0x601) && frame.data().starts_with(&[first, 0xFE, 0x60])
+            };
+            robot.frames.iter().position(|(_, frame)| is_it(frame))
+        };
+        let (set, read) = (access(0x23), access(0x40));
+        assert!(set.is_some() && set < read, "{set:?}, {read:?}");
+        assert_eq!(output(&robot), 0x1_0001);
+    }
+}
+
+/// With a logic supply of its own the drive stays in Quick Stop Active, and holds nothing.
+#[test]
+fn a_brake_is_set_at_standstill_while_the_motors_feed_is_cut() {
+    let (sheet, config) = with_brake(false);
+    let mut robot = Robot::with(sheet.dictionary(1), Config { has_pause_line: true, ..config });
+    let live = |robot: &mut Robot, engaged: bool, speed: Option<f64>, ms: u32| {
+        for _ in 0..ms / 50 {
+            let source = if engaged { "button" } else { "" };
+            robot.bench.message(lowlevel::EventStop { timestamp: 0, engaged, source: source.into() });
+            if let Some(speed) = speed {
+                robot.command(speed, 0.0);
+            }
+            robot.pass(50);
+        }
+    };
+    live(&mut robot, false, None, 3000);
+    assert!(robot.motion().homed, "{}", robot.reason());
+    live(&mut robot, false, Some(0.4), 1000);
+    assert!(robot.moves(), "{}", robot.reason());
+    live(&mut robot, true, None, 500);
+    assert_eq!((robot.epos.power.state(), output(&robot)), (PowerState::QuickStopActive, 1));
+    // It is released again before the next motion.
+    live(&mut robot, false, None, 500);
+    robot.press(0.4);
+    live(&mut robot, false, Some(0.4), 1000);
+    assert!(robot.moves(), "{}", robot.reason());
+    assert_eq!(output(&robot), 0);
 }
 
 #[test]
