@@ -42,6 +42,8 @@ pub(super) struct Servo {
     ramp: Option<Ramp>,
     /// Greatest speed of a set-point, m/s.
     speed_max: f64,
+    /// It was not to be enabled at the last call of [`Self::setpoint`].
+    stopped: bool,
     /// Torque, per mille of the rated one, and when it was received.
     torque: Option<(i16, Instant)>,
 }
@@ -96,6 +98,7 @@ impl Servo {
             target: 0,
             ramp,
             speed_max: limits.speed_mps,
+            stopped: true,
             torque: None,
         }))
     }
@@ -169,14 +172,18 @@ impl Servo {
     fn setpoint(&mut self, now: Instant, goal: Goal, speed: f64, master: &Master) -> i32 {
         let Some(ramp) = &mut self.ramp else { return self.target };
         let enabled = self.drive.is_booted() && self.drive.axis.state() == Some(PowerState::OperationEnabled);
+        let was_stopped = std::mem::replace(&mut self.stopped, goal != Goal::Enabled);
         match goal {
-            Goal::Enabled if enabled => {
-                if ramp.advance(now, self.units.velocity_si(self.target), master.next_sync()) {
+            Goal::Enabled => {
+                // A drive that was just commanded to stop may not show it yet, and its wheel still has its speed.
+                if was_stopped || !enabled {
+                    let rolls = speed.abs() >= STANDSTILL_MPS;
+                    ramp.begin(if rolls { speed.clamp(-self.speed_max, self.speed_max) } else { 0.0 });
+                }
+                if enabled && ramp.advance(now, self.units.velocity_si(self.target), master.next_sync()) {
                     self.drive.send_again();
                 }
             }
-            Goal::Enabled if speed.abs() < STANDSTILL_MPS || speed.is_nan() => ramp.begin(0.0),
-            Goal::Enabled => ramp.begin(speed.clamp(-self.speed_max, self.speed_max)),
             Goal::QuickStop | Goal::Disabled => ramp.begin(0.0),
         }
         self.units.velocity(ramp.setpoint())

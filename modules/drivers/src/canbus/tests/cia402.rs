@@ -1,7 +1,7 @@
 //! Drives by their data sheets alone: a wheel's DCF and a steering's EDS of other makers.
 
 use super::super::{
-    Axis, BrakeControl, Cia402, Cia402Config, ConfigError, PropulsionDrive, SteeringDrive, VelocityUnit,
+    Axis, BrakeControl, Cia402, Cia402Config, ConfigError, DriveMode, PropulsionDrive, SteeringDrive, VelocityUnit,
 };
 use super::*;
 use canopen::axis::status;
@@ -146,6 +146,34 @@ fn the_speed_that_a_drive_permits_its_motor_is_compared_at_each_boot_up_or_writt
     written.epos.node.set(0x6080, 0, 100);
     written.pass(11_000);
     assert_eq!(written.epos.node.get(0x6080, 0), Some(3000));
+}
+
+/// The source was late: its next command finds the wheel at speed, and the drive has not shown its quick stop yet.
+#[test]
+fn a_ramp_of_the_driver_begins_at_the_speed_of_the_wheel_also_if_the_quick_stop_has_just_begun() {
+    let mode = Some(DriveMode::CyclicVelocity);
+    let mut config = by_sheets();
+    config.wheels[0].drive = wheel(EPOS4, Cia402Config { gear: Some(-26.0), mode, ..Cia402Config::usual() });
+    let mut robot = Robot::with(Eds::parse(EPOS4).unwrap().dictionary(1), config);
+    robot.pass(3000);
+    assert!(robot.motion().homed, "{}", robot.reason());
+    robot.drive(0.4, 1500);
+    let rpm = (0.4 * 60.0 * -26.0 / CIRCUMFERENCE).round() as i32;
+    let last = |robot: &Robot| {
+        let is_it = |frame: &can::Frame| frame.id() == can::Id::Standard(0x201) && frame.data().len() == 6;
+        let (_, frame) = robot.frames.iter().rev().find(|(_, frame)| is_it(frame)).expect("it was sent");
+        let data = frame.data();
+        (data[0], i32::from_le_bytes([data[2], data[3], data[4], data[5]]))
+    };
+    assert_eq!(last(&robot), (0x0F, rpm), "{}", robot.reason());
+    // The drive is slow to obey.
+    robot.epos.stubborn = true;
+    robot.pass(220);
+    assert_eq!(last(&robot), (0x02, 0));
+    robot.press(0.4);
+    let (word, setpoint) = last(&robot);
+    assert_eq!(word, 0x0F, "{}", robot.reason());
+    assert!((setpoint - rpm).abs() <= rpm.abs() / 10, "{setpoint} instead of {rpm}");
 }
 
 /// A sheet, and a robot whose wheel's brake is on the output of its drive, and needs 300 ms.
