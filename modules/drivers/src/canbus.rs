@@ -854,7 +854,11 @@ impl Canbus {
         let rolls = !self.is_standing();
         let pause = &self.around.pause;
         let holds = pause.is_engaged() || pause.is_latched() && rolls;
-        self.wheels.drives_mut().for_each(|drive| drive.hold_fault_reset(holds));
+        let unfed = pause.cuts_feed() || self.stop_watch.cuts_feed();
+        for drive in self.wheels.drives_mut() {
+            drive.hold_fault_reset(holds);
+            drive.set_unfed(unfed);
+        }
         if !rolls {
             self.arbiter.on_standstill(now);
         }

@@ -5,10 +5,12 @@
 //! Order     the drive is enabled, the brake is released, that is read back, the time of the release passes; then
 //!           set-points other than 0. At the end the wheel stands, the brake is set, that is read back; then the motor
 //!           has no torque
-//! Unknown   a brake that was not read back as released is not: its wheel is not moved
+//! Unknown   a brake that was not read back as released is not: its wheel is not moved. What was read before a write
+//!           does not count after it
 //! Output    bit 0 of 0x60FE:1 sets the brake; where there is a mask, 0x60FE:2, its bit 0 says that the output counts.
 //!           The output is written before the mask: a brake that is taken over from the drive does not change by that.
-//!           While the wheel turns without torque neither is written
+//!           While the wheel turns without torque neither is written. A wheel that loses its torque may roll soon:
+//!           then the output is set as it was read last, without being read again first
 
 use base::{Duration, Instant, earliest};
 use canopen::master::Ticket;
@@ -64,6 +66,10 @@ pub(super) struct Brake {
     mask: u32,
     /// The outputs as read last; absent: unknown.
     output: Option<u32>,
+    /// What was written last released it; absent: nothing was written.
+    commanded: Option<bool>,
+    /// Something was written, and the outputs were not read since.
+    unread: bool,
     /// When it was read back as released.
     released: Option<Instant>,
     /// It has been released for its time.
@@ -90,6 +96,8 @@ impl Brake {
             taken: false,
             mask: 0,
             output: None,
+            commanded: None,
+            unread: false,
             released: None,
             free: false,
             ticket: None,
@@ -108,7 +116,7 @@ impl Brake {
 
     /// True if it is known to be set.
     pub(super) fn is_set(&self) -> bool {
-        self.taken && self.output.is_some_and(|output| output & SET != 0)
+        self.taken && !self.unread && self.output.is_some_and(|output| output & SET != 0)
     }
 
     /// `running`: the drive is booted. True once if the brake does not become what it shall be.
@@ -125,8 +133,12 @@ impl Brake {
         };
         if wanted != self.wanted {
             (self.wanted, self.late, self.free) = (wanted, Some(now + OBEYS), false);
+            let is_known = self.taken && self.output.is_some();
             if self.ticket.is_none() {
-                self.read_again(now);
+                match wanted {
+                    Some(false) if is_known && !self.is_set() => self.go(Access::WriteOutput, now),
+                    _ => self.read_again(now),
+                }
             }
         }
         let is_so = wanted.is_none_or(|free| if free { self.released.is_some() } else { self.is_set() });
@@ -163,7 +175,9 @@ impl Brake {
             Access::WriteMask => master.sdo_write(now, node, index, MASK, (self.mask | SET).to_le_bytes().as_slice()),
             Access::ReadOutput => master.sdo_read(now, node, index, PHYSICAL),
             Access::WriteOutput => {
-                let value = if self.wanted == Some(true) { outputs & !SET } else { outputs | SET };
+                let releases = self.wanted == Some(true);
+                (self.commanded, self.unread, self.released) = (Some(releases), true, None);
+                let value = if releases { outputs & !SET } else { outputs | SET };
                 master.sdo_write(now, node, index, PHYSICAL, value.to_le_bytes().as_slice())
             }
         };
@@ -191,6 +205,10 @@ impl Brake {
         };
         match access {
             Access::WriteMask => self.go(Access::ReadMask, now),
+            // It was released, and the wheel has lost its torque meanwhile.
+            Access::WriteOutput if self.wanted == Some(false) && self.commanded == Some(true) => {
+                self.go(Access::WriteOutput, now);
+            }
             Access::WriteOutput => self.go(Access::ReadOutput, now),
             Access::ReadMask => {
                 (self.mask, self.taken, self.unanswered) = (value, value & SET != 0, 0);
@@ -213,7 +231,7 @@ impl Brake {
     /// The outputs were read.
     fn on_output(&mut self, now: Instant, output: u32) {
         let is_released = output & SET == 0;
-        (self.output, self.unanswered) = (Some(output), 0);
+        (self.output, self.unread, self.unanswered) = (Some(output), false, 0);
         self.taken |= !self.has_mask;
         self.released = if is_released && self.taken { self.released.or(Some(now)) } else { None };
         let write = match self.wanted {
@@ -223,7 +241,9 @@ impl Brake {
             Some(_) if !self.taken => Some(Access::WriteMask),
             _ => None,
         };
+        let is_other = write == Some(Access::WriteOutput) && self.commanded != self.wanted;
         match write {
+            Some(write) if is_other => self.go(write, now),
             Some(write) => self.go(write, self.written.map_or(now, |at| now.max(at + RETRY))),
             None => self.read_again(now + PERIOD),
         }

@@ -275,6 +275,8 @@ pub(super) struct Drive {
     changing: bool,
     /// Faults are not reset: the robot may still roll.
     holds_fault: bool,
+    /// The motors' feed is cut, or is to be: it has no torque, whatever its state.
+    unfed: bool,
     /// Time of its last measured value.
     measured: Instant,
     /// Number of pending requests.
@@ -313,6 +315,7 @@ impl Drive {
             outdated: false,
             changing: false,
             holds_fault: false,
+            unfed: false,
             measured: Instant::ZERO,
             pending: 0,
             unanswered: 0,
@@ -355,10 +358,11 @@ impl Drive {
     ) {
         let Some(brake) = &mut self.brake else { return };
         let state = self.axis.state();
-        let has_torque = matches!(
+        let is_on = matches!(
             state,
             Some(PowerState::OperationEnabled | PowerState::QuickStopActive | PowerState::FaultReactionActive)
         );
+        let has_torque = is_on && !self.unfed;
         let wheel = match goal {
             Goal::Enabled if state == Some(PowerState::OperationEnabled) => Wheel::Moves,
             Goal::Disabled if stands => Wheel::Rests,
@@ -696,6 +700,11 @@ impl Drive {
     /// Keeps a fault of the drive while `hold` is true: a reset would let it move again.
     pub(super) fn hold_fault_reset(&mut self, hold: bool) {
         self.holds_fault = hold;
+    }
+
+    /// The motors' feed is cut, or is to be; or it is not. A drive with a logic supply of its own may not show that.
+    pub(super) fn set_unfed(&mut self, unfed: bool) {
+        self.unfed = unfed;
     }
 
     /// True if its measured values are recent, as far as can be known.

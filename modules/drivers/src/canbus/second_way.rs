@@ -141,6 +141,16 @@ impl StopWatch {
         self.latched.filter(|hold| *hold != Hold::WheelStood).or_else(of_way).map(Objection::Speed)
     }
 
+    /// True while the motors' feed is cut, or is to be: by this way, or as the power controller reports.
+    pub(super) fn cuts_feed(&self) -> bool {
+        let is_off = match &self.way {
+            Way::Power { off } => *off,
+            Way::Output(output) => output.is_off(),
+            Way::None => false,
+        };
+        is_off || self.latched == Some(Hold::FeedCut)
+    }
+
     /// The objection that remains of a wheel that stood, when its drive has none any more.
     pub(super) fn stood(&self) -> Option<Objection> {
         self.latched.filter(|hold| *hold == Hold::WheelStood).map(Objection::Speed)

@@ -40,6 +40,10 @@ pub(super) struct Servo {
     target: i32,
     /// The way to the target, of a drive that has no ramp in its mode.
     ramp: Option<Ramp>,
+    /// Greatest speed of a set-point, m/s.
+    speed_max: f64,
+    /// It was not to be enabled at the last call of [`Self::setpoint`].
+    stopped: bool,
     /// Torque, per mille of the rated one, and when it was received.
     torque: Option<(i16, Instant)>,
 }
@@ -88,7 +92,18 @@ impl Servo {
         let cyclic = table.mode == Mode::CyclicVelocity;
         let ramp = cyclic
             .then(|| Ramp::new(config.sync_and_master(own.axis).0, limits.acceleration_mps2, limits.deceleration_mps2));
-        Ok(Some(Self { drive, table, parameters, units, turns, target: 0, ramp, torque: None }))
+        Ok(Some(Self {
+            drive,
+            table,
+            parameters,
+            units,
+            turns,
+            target: 0,
+            ramp,
+            speed_max: limits.speed_mps,
+            stopped: true,
+            torque: None,
+        }))
     }
 
     pub(super) fn node_config(&self) -> NodeConfig {
@@ -155,17 +170,23 @@ impl Servo {
     }
 
     /// The set-point that is sent, in the drive's unit: the target, or where its drive has no ramp the next one on the
-    /// way there. A drive that is enabled while its wheel rolls is not braked at once by a set-point of 0.
+    /// way there. A drive that is enabled while its wheel rolls is not braked at once by a set-point of 0; whatever was
+    /// measured, it does not begin beyond the limit.
     fn setpoint(&mut self, now: Instant, goal: Goal, speed: f64, master: &Master) -> i32 {
         let Some(ramp) = &mut self.ramp else { return self.target };
         let enabled = self.drive.is_booted() && self.drive.axis.state() == Some(PowerState::OperationEnabled);
+        let was_stopped = std::mem::replace(&mut self.stopped, goal != Goal::Enabled);
         match goal {
-            Goal::Enabled if enabled => {
-                if ramp.advance(now, self.units.velocity_si(self.target), master.next_sync()) {
+            Goal::Enabled => {
+                // A drive that was just commanded to stop may not show it yet, and its wheel still has its speed.
+                if was_stopped || !enabled {
+                    let rolls = speed.abs() >= STANDSTILL_MPS;
+                    ramp.begin(if rolls { speed.clamp(-self.speed_max, self.speed_max) } else { 0.0 });
+                }
+                if enabled && ramp.advance(now, self.units.velocity_si(self.target), master.next_sync()) {
                     self.drive.send_again();
                 }
             }
-            Goal::Enabled => ramp.begin(if speed.abs() < STANDSTILL_MPS || speed.is_nan() { 0.0 } else { speed }),
             Goal::QuickStop | Goal::Disabled => ramp.begin(0.0),
         }
         self.units.velocity(ramp.setpoint())

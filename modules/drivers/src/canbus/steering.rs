@@ -122,6 +122,8 @@ pub(super) struct Steering {
     setpoint: Setpoint,
     /// The way to the target, of a drive that has no profile in its mode.
     glide: Option<Glide>,
+    /// The SYNC that was next when homing was about to change the mode. Set while it does, of such a drive.
+    switches: Option<Instant>,
     /// Measured position, counts.
     position: Option<i32>,
     /// Measured since it was compared with the target.
@@ -173,6 +175,7 @@ impl Steering {
             unanswered: 0,
             setpoint: Setpoint::new(ACKNOWLEDGE_TIMEOUT),
             glide,
+            switches: None,
             position: None,
             measured: false,
             reach,
@@ -356,6 +359,9 @@ impl Steering {
             _ => self.homing.cancel(),
         }
         self.homing.handle_timeout(now);
+        if !self.may_switch(master.next_sync()) {
+            return;
+        }
         while let Some(access) = self.again.take().or_else(|| self.homing.poll_sdo()) {
             let node = self.config.node;
             let asked = match access.clone() {
@@ -365,6 +371,18 @@ impl Steering {
             match asked {
                 Ok(ticket) => self.access = Some((ticket, access)),
                 Err(_) => self.homing.handle_sdo(now, Err(sdo::Error::Cancelled)),
+            }
+        }
+    }
+
+    /// False while a drive that follows set-points at SYNC is to change its mode, and has had no SYNC since. The last
+    /// set-point that it took is a position from before homing: in its own mode it would go there.
+    fn may_switch(&mut self, sync: Option<Instant>) -> bool {
+        match sync.filter(|_| self.glide.is_some() && self.homing.mode().is_none()) {
+            Some(next) => *self.switches.get_or_insert(next) != next,
+            None => {
+                self.switches = None;
+                true
             }
         }
     }

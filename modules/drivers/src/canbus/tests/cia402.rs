@@ -1,7 +1,7 @@
 //! Drives by their data sheets alone: a wheel's DCF and a steering's EDS of other makers.
 
 use super::super::{
-    Axis, BrakeControl, Cia402, Cia402Config, ConfigError, PropulsionDrive, SteeringDrive, VelocityUnit,
+    Axis, BrakeControl, Cia402, Cia402Config, ConfigError, DriveMode, PropulsionDrive, SteeringDrive, VelocityUnit,
 };
 use super::*;
 use canopen::axis::status;
@@ -148,8 +148,36 @@ fn the_speed_that_a_drive_permits_its_motor_is_compared_at_each_boot_up_or_writt
     assert_eq!(written.epos.node.get(0x6080, 0), Some(3000));
 }
 
-/// The wheel's brake is on the output of its drive, and needs 300 ms; `objects`: what is stored in the device.
-fn braked(objects: &[Entry], mask: bool) -> Robot {
+/// The source was late: its next command finds the wheel at speed, and the drive has not shown its quick stop yet.
+#[test]
+fn a_ramp_of_the_driver_begins_at_the_speed_of_the_wheel_also_if_the_quick_stop_has_just_begun() {
+    let mode = Some(DriveMode::CyclicVelocity);
+    let mut config = by_sheets();
+    config.wheels[0].drive = wheel(EPOS4, Cia402Config { gear: Some(-26.0), mode, ..Cia402Config::usual() });
+    let mut robot = Robot::with(Eds::parse(EPOS4).unwrap().dictionary(1), config);
+    robot.pass(3000);
+    assert!(robot.motion().homed, "{}", robot.reason());
+    robot.drive(0.4, 1500);
+    let rpm = (0.4 * 60.0 * -26.0 / CIRCUMFERENCE).round() as i32;
+    let last = |robot: &Robot| {
+        let is_it = |frame: &can::Frame| frame.id() == can::Id::Standard(0x201) && frame.data().len() == 6;
+        let (_, frame) = robot.frames.iter().rev().find(|(_, frame)| is_it(frame)).expect("it was sent");
+        let data = frame.data();
+        (data[0], i32::from_le_bytes([data[2], data[3], data[4], data[5]]))
+    };
+    assert_eq!(last(&robot), (0x0F, rpm), "{}", robot.reason());
+    // The drive is slow to obey.
+    robot.epos.stubborn = true;
+    robot.pass(220);
+    assert_eq!(last(&robot), (0x02, 0));
+    robot.press(0.4);
+    let (word, setpoint) = last(&robot);
+    assert_eq!(word, 0x0F, "{}", robot.reason());
+    assert!((setpoint - rpm).abs() <= rpm.abs() / 10, "{setpoint} instead of {rpm}");
+}
+
+/// A sheet, and a robot whose wheel's brake is on the output of its drive, and needs 300 ms.
+fn with_brake(mask: bool) -> (Eds, Config) {
     let release = Duration::from_millis(300);
     let mut text = String::from_utf8_lossy(EPOS4).replace("\r\n", "\n");
     if mask {
@@ -165,7 +193,13 @@ fn braked(objects: &[Entry], mask: bool) -> Robot {
         ..Cia402Config::usual()
     };
     config.wheels[0].drive = wheel(text.as_bytes(), keys);
-    let mut robot = Robot::with(Eds::parse(text.as_bytes()).unwrap().dictionary(1).with(objects), config);
+    (Eds::parse(text.as_bytes()).unwrap(), config)
+}
+
+/// The same, ready; `objects`: what is stored in the device.
+fn braked(objects: &[Entry], mask: bool) -> Robot {
+    let (sheet, config) = with_brake(mask);
+    let mut robot = Robot::with(sheet.dictionary(1).with(objects), config);
     robot.pass(3000);
     assert!(robot.motion().homed, "{}", robot.reason());
     robot
@@ -271,6 +305,59 @@ fn a_brake_is_not_set_while_the_wheel_rolls_without_torque() {
     robot.epos.node.set(0x606C, 0, 0);
     robot.pass(2000);
     assert_eq!(output(&robot), 1);
+}
+
+/// A robot on a slope rolls as soon as its drive has no torque: to read the outputs first would take too long.
+#[test]
+fn a_brake_is_set_at_once_where_its_drive_loses_its_torque_at_standstill() {
+    for mask in [false, true] {
+        let mut robot = braked(&[Entry::new(0x60FE, 1, DataType::U32, Access::ReadWrite, 0x1_0000)], mask);
+        robot.drive(0.4, 1000);
+        robot.pass(1500);
+        assert_eq!((robot.epos.power.state(), output(&robot)), (PowerState::QuickStopActive, 0x1_0000));
+        robot.frames.clear();
+        let now = robot.bench.now();
+        robot.epos.fault(now, 0x2310);
+        robot.pass(50);
+        let access = |first: u8| {
+            let is_it = |frame: &can::Frame| {
+                frame.id() == can::Id::Standard(0x601) && frame.data().starts_with(&[first, 0xFE, 0x60])
+            };
+            robot.frames.iter().position(|(_, frame)| is_it(frame))
+        };
+        let (set, read) = (access(0x23), access(0x40));
+        assert!(set.is_some() && set < read, "{set:?}, {read:?}");
+        assert_eq!(output(&robot), 0x1_0001);
+    }
+}
+
+/// With a logic supply of its own the drive stays in Quick Stop Active, and holds nothing.
+#[test]
+fn a_brake_is_set_at_standstill_while_the_motors_feed_is_cut() {
+    let (sheet, config) = with_brake(false);
+    let mut robot = Robot::with(sheet.dictionary(1), Config { has_pause_line: true, ..config });
+    let live = |robot: &mut Robot, engaged: bool, speed: Option<f64>, ms: u32| {
+        for _ in 0..ms / 50 {
+            let source = if engaged { "button" } else { "" };
+            robot.bench.message(lowlevel::EventStop { timestamp: 0, engaged, source: source.into() });
+            if let Some(speed) = speed {
+                robot.command(speed, 0.0);
+            }
+            robot.pass(50);
+        }
+    };
+    live(&mut robot, false, None, 3000);
+    assert!(robot.motion().homed, "{}", robot.reason());
+    live(&mut robot, false, Some(0.4), 1000);
+    assert!(robot.moves(), "{}", robot.reason());
+    live(&mut robot, true, None, 500);
+    assert_eq!((robot.epos.power.state(), output(&robot)), (PowerState::QuickStopActive, 1));
+    // It is released again before the next motion.
+    live(&mut robot, false, None, 500);
+    robot.press(0.4);
+    live(&mut robot, false, Some(0.4), 1000);
+    assert!(robot.moves(), "{}", robot.reason());
+    assert_eq!(output(&robot), 0);
 }
 
 #[test]

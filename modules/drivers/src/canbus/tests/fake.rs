@@ -124,7 +124,7 @@ impl Fake {
         self.power.apply(word);
         let enabled = self.power.state() == PowerState::OperationEnabled;
         match self.get(0x6061) {
-            3 => {
+            3 | 9 => {
                 let velocity = if enabled && !self.blocked { self.get(0x60FF) } else { 0 };
                 let misread = if velocity == 0 { 0 } else { self.misread };
                 self.node.set(0x606C, 0, velocity + misread);
