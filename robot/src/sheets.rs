@@ -108,7 +108,8 @@ pub(crate) fn check_inputs(place: &RobotLocation, bus: &CanBus, stop: &canbus::S
 pub(crate) fn slow_motors(place: &RobotLocation, bus: &CanBus, driver: &Canbus) -> Vec<String> {
     let slow = |node: &canbus::Node| {
         let (path, object) = (node.eds.as_ref()?, node.sheet.as_ref()?.object(MOTOR_SPEED, 0)?);
-        let setup = driver.nodes().find(|setup| setup.id == node.id)?;
+        // Ids are those of a bus: the axis is unique.
+        let setup = driver.nodes().find(|setup| setup.name == node.axis.name())?;
         let needed = setup.identity.iter().find(|expect| (expect.index, expect.sub) == (MOTOR_SPEED, 0))?.min;
         let stated = object.parameter.as_ref().or(object.default.as_ref())?.number(object.data_type, node.id);
         let advice = if object.access.writes() { "; motor_rpm_max writes it" } else { "" };
