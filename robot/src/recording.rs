@@ -3,8 +3,8 @@
 //! A file of inputs contains the configuration of the module as texts, so that it can be replayed on another machine
 //! and after the configuration has changed: `robot.toml`, `modules.toml`, each `--set`, and for the simulated robot
 //! `sim.toml` and its world, whose beacons are the robot's map, and the walls of the world's map; the tables of the
-//! folder `drives`; of those that know the drives, the data sheets by which these are driven. Other data sheets are left
-//! out: they are checked when a module is created and do not affect its behavior.
+//! folder `drives`; of those that know the drives, the data sheets by which these are driven. Other data sheets are
+//! left out: they are checked when a module is created and do not affect its behavior.
 
 use crate::config::{self, Config, ConfigError, SIMULATOR};
 use crate::place::RobotLocation;

@@ -1,8 +1,8 @@
 //! `advee can identify`: the drives on a bus, as the lines of `robot.toml` by which they are driven.
 //!
 //! A drive is known by its identity (0x1018): from the tables in the folder `drives`, from the data sheets in the
-//! configuration folder and those that are given, else from the built-in tables. ODrives and VESCs, which are no nodes of CANopen, are known by their versions.
-//! What nobody but a person knows is marked by a question mark.
+//! configuration folder and those that are given, else from the built-in tables. ODrives and VESCs, which are no nodes
+//! of CANopen, are known by their versions. What nobody but a person knows is marked by a question mark.
 
 use super::controllers::{Controller, Kind};
 use super::scan::{Asked, Row};
