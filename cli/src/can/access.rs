@@ -256,12 +256,19 @@ struct Pending {
 
 impl Through {
     fn open(target: &Target, held: &Held) -> Result<Self, Failed> {
+        // By its id alone the request would reach another node of the same id, on the first bus of the drives.
+        let numbers_from = target.numbers_from.ok_or_else(|| {
+            format!(
+                "{} is held by {}, and is no bus of the drives: nobody asks its nodes",
+                target.name,
+                held.holder.text()
+            )
+        })?;
         let tool = Tool::join_at(&held.place.lcm_url, "can", &[LcmChannel::LlDataSdo])?;
         // A number that no other tool is likely to have chosen.
         let number = (clock::wall() as u32 ^ std::process::id() << 16) & 0x3FFF_FFFF;
         let module = held.holder.module.clone().unwrap_or_default();
         let (ear, number) = (Link::open(target).ok(), number.cast_signed());
-        let numbers_from = target.numbers_from;
         Ok(Self { tool, module, numbers_from, pending: Vec::new(), number, ear, states: BTreeMap::new() })
     }
 

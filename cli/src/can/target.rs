@@ -58,8 +58,9 @@ pub struct Target {
     pub known: Vec<Known>,
     /// The node id of the module that is its master, where it is the robot's.
     pub master: Option<u8>,
-    /// What is added to an id where `LL_CMD_SDO` names a node of this bus: 1000 for each bus before it.
-    pub numbers_from: i32,
+    /// What is added to an id where `LL_CMD_SDO` names a node of this bus: 1000 for each bus before it. `None`: it is
+    /// no bus of the drives, and `LL_CMD_SDO` does not reach it. 0 for an interface that is not configured.
+    pub numbers_from: Option<i32>,
 }
 
 /// The module that holds a bus.
@@ -103,7 +104,7 @@ impl Target {
             let mut buses = robot.can.iter().filter_map(|bus| Self::of(&place, &robot, bus).ok());
             buses.find(|bus| is_same(&bus.port, &port))
         });
-        let stranger = Self { name, raw: None, port, bitrate, known: Vec::new(), master: None, numbers_from: 0 };
+        let stranger = Self { name, raw: None, port, bitrate, known: Vec::new(), master: None, numbers_from: Some(0) };
         Ok(configured.unwrap_or(stranger))
     }
 
@@ -115,6 +116,7 @@ impl Target {
             drive: node.drive.clone(),
             eds: node.eds.as_ref().map(|eds| place.config.join(eds)),
         });
+        let is_of_drives = robot.buses_of_motion(&robot.can).iter().any(|own| own.name == bus.name);
         Ok(Self {
             name: format!("can.{}", bus.name),
             raw: Some((bus.name.to_uppercase(), bus.port.raw)),
@@ -122,7 +124,7 @@ impl Target {
             bitrate: bus.driver.bitrate,
             known: known.collect(),
             master: Some(bus.driver.master),
-            numbers_from: robot.node_number(bus, 0),
+            numbers_from: is_of_drives.then(|| robot.node_number(bus, 0)),
         })
     }
 

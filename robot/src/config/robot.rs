@@ -552,6 +552,11 @@ impl CanBus {
     pub fn bus(&self) -> String {
         format!("can.{}", self.name)
     }
+
+    /// True for UDP multicast, on which simulated drives are.
+    fn is_virtual(&self) -> bool {
+        matches!(self.port.interface, CanInterface::Udp { .. })
+    }
 }
 
 impl IoLine {
@@ -1017,15 +1022,24 @@ impl Robot {
         }
     }
 
-    /// Each CAN bus with drives has a wire of its own: two masters on one wire would disturb each other.
+    /// Each CAN bus with drives has a wire of its own: two masters on one wire would disturb each other. All of them
+    /// are virtual or none: on one that `sim.toml` has left out a simulated robot would command real drives.
     fn check_interfaces(&self, table: &Table<'_>) {
         let used = self.motion_buses(&self.can);
+        let simulated = used.iter().map(|n| &self.can[*n]).find(|bus| bus.is_virtual());
         for (place, bus) in used.iter().enumerate().map(|(place, n)| (place, &self.can[*n])) {
             let table = table.below("can").and_then(|buses| buses.below(&bus.name));
             let same = |other: &&CanBus| other.port.interface == bus.port.interface;
             let other = used[..place].iter().map(|n| &self.can[*n]).find(same);
-            if let (Some(other), Some(table)) = (other, table) {
+            let Some(table) = table else { continue };
+            if let Some(other) = other {
                 table.refuse("interface", format_args!("one that [{}] does not have", other.bus()));
+            }
+            if let Some(other) = simulated.filter(|_| !bus.is_virtual()) {
+                table.refuse(
+                    "interface",
+                    format_args!("\"udp:GROUP\", as [{}] has: both are simulated or none", other.bus()),
+                );
             }
         }
     }

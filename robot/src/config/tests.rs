@@ -512,6 +512,17 @@ fn what_is_wrong_with_two_buses_is_refused_where_it_is_written() {
 }
 
 #[test]
+fn a_bus_that_is_left_out_of_the_simulation_is_refused() {
+    let load = |over: &str| load(&on_two_buses(), over, &[], MODULES);
+    let main = "[can.main]\ninterface = \"udp:239.74.163.2\"\n";
+    let at = on_two_buses().lines().position(|line| line.contains("interface = \"can1\"")).unwrap() + 1;
+    let expected =
+        "can.second.interface = \"can1\": expected \"udp:GROUP\", as [can.main] has: both are simulated or none";
+    assert_eq!(load(main).unwrap_err(), [format!("robot.toml:{at}: {expected}")]);
+    load(&format!("{main}[can.second]\ninterface = \"udp:239.74.163.3\"\n")).unwrap();
+}
+
+#[test]
 fn output_and_devices_name_their_bus() {
     let tables = |output: &str, device: &str| {
         on_two_buses()

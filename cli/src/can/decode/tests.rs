@@ -15,7 +15,7 @@ fn decoder() -> Decoder {
         bitrate: 500_000,
         known: vec![known(1, "propulsion", drive)],
         master: None,
-        numbers_from: 0,
+        numbers_from: Some(0),
     };
     Decoder::new(Book::new(&target, None).unwrap())
 }

@@ -49,6 +49,8 @@ struct Two {
     holds: lowlevel::DataHold,
     buses: Vec<lowlevel::DataBus>,
     answers: Vec<lowlevel::DataSdo>,
+    /// The module has ended.
+    ended: bool,
 }
 
 impl Two {
@@ -66,6 +68,7 @@ impl Two {
             holds: Default::default(),
             buses: Vec::new(),
             answers: Vec::new(),
+            ended: false,
         };
         let ports: Vec<_> = robot.bench.shell.module().ports().iter().map(|port| port.bus.clone()).collect();
         assert_eq!(ports, BUSES);
@@ -109,6 +112,7 @@ impl Two {
                     Action::Publish(Message::LlDataHold(holds)) => self.holds = holds,
                     Action::Publish(Message::LlDataBus(bus)) => self.buses.push(bus),
                     Action::Publish(Message::LlDataSdo(answer)) => self.answers.push(answer),
+                    Action::Exit(_) => self.ended = true,
                     _ => {}
                 }
             }
@@ -194,6 +198,21 @@ fn a_bus_that_comes_back_boots_its_drive_and_nothing_else() {
 }
 
 #[test]
+fn a_module_that_ends_does_not_wait_for_a_bus_that_is_down() {
+    for bus in [0, 1] {
+        let mut robot = Two::ready(two(|_| {}, config().stop));
+        robot.driving();
+        robot.bench.event(Event::Port { port: PORTS[bus], input: Input::Down("unplugged") });
+        let state = State::Terminate as i8;
+        robot.bench.message(common::CmdState { module: NAME.into(), state, manual: true, ..Default::default() });
+        robot.exchange();
+        robot.pass(2000);
+        assert!(robot.ended, "{}", robot.motion.reason);
+        assert_eq!(robot.drives[1 - bus].power.state(), PowerState::SwitchOnDisabled, "it is left without power");
+    }
+}
+
+#[test]
 fn a_drive_that_is_lost_or_in_fault_stops_its_twin_on_the_other_bus() {
     for bus in [0, 1] {
         let lose = |drive: &mut Fake, _| drive.alive = false;
@@ -243,16 +262,32 @@ fn another_master_is_of_its_bus() {
     }
 }
 
-#[test]
-fn the_output_that_feeds_the_motors_may_be_on_the_second_bus() {
+/// With the output of the node 5 on the second bus.
+fn fed_by_the_second_bus() -> Stop {
     let output = OutputConfig { node: 5, index: 0x6200, subindex: 1, bits: 8, on: 1, cut: 0 };
-    let stop = Stop {
+    Stop {
         second_way: SecondWay::Canopen,
         output: Some(output),
         output_bus: Some("can.second".into()),
         ..config().stop
-    };
-    let mut robot = Two::ready(two(|_| {}, stop));
+    }
+}
+
+#[test]
+fn an_output_on_a_bus_that_is_down_is_not_known_and_holds_the_robot() {
+    let mut robot = Two::ready(two(|_| {}, fed_by_the_second_bus()));
+    robot.bench.event(Event::Port { port: PORTS[1], input: Input::Down("unplugged") });
+    robot.pass(2000);
+    assert!(robot.has_hold(Hold::SecondWayLost, ""), "{:?}", robot.holds);
+    robot.bench.event(Event::Port { port: PORTS[1], input: Input::Up });
+    robot.pass(2000);
+    assert!(!robot.has_hold(Hold::SecondWayLost, ""), "{:?}", robot.holds);
+    robot.driving();
+}
+
+#[test]
+fn the_output_that_feeds_the_motors_may_be_on_the_second_bus() {
+    let mut robot = Two::ready(two(|_| {}, fed_by_the_second_bus()));
     robot.driving();
     robot.pass(500);
     let asked = |robot: &Two| {
