@@ -7,6 +7,8 @@ use super::sheet::Sheet;
 use crate::axis::modes::Mode;
 use crate::axis::modes::cyclic::interpolation_period;
 use crate::dictionary::DataType;
+use crate::drives::cia402::Quantity;
+use crate::master::Expect;
 use alloc::vec::Vec;
 use base::Duration;
 
@@ -101,8 +103,18 @@ pub(super) fn period(draft: &mut Draft<'_>) -> Result<(), Refusal> {
         // Along a line.
         draft.set_where_there(0x60C0, 0, 0);
     }
-    draft.set_where_there(0x60C2, 1, mantissa.into());
-    draft.set_where_there(0x60C2, 2, exponent.into());
+    for (sub, value) in [(1, i64::from(mantissa)), (2, i64::from(exponent))] {
+        match draft.set(0x60C2, sub, Quantity::Fixed(value)) {
+            // Without the object the drive follows each set-point when it comes; a velocity is followed at any period.
+            Ok(()) | Err(Refusal { reason: Reason::Missing, .. }) => {}
+            Err(_) if mode == Mode::CyclicVelocity => {}
+            // Positions are interpolated over this period: another one makes each of them a jerk.
+            Err(Refusal { reason: Reason::NotWritable, .. }) => {
+                draft.verify(Expect::masked(0x60C2, sub, 0xFF, u32::from(value.to_le_bytes()[0])));
+            }
+            Err(refusal) => return Err(refusal),
+        }
+    }
     Ok(())
 }
 

@@ -592,4 +592,14 @@ fn a_position_may_be_interpolated() {
     assert_eq!(refusal, Refusal { index: 0x1006, sub: 0, reason: Reason::NoSync });
     let refusal = derived(&with(&text, "60C1sub1", "DataType", "3"), &wanted(None)).unwrap_err();
     assert_eq!(refusal, Refusal { index: 0x60C1, sub: 1, reason: Reason::Type });
+
+    // A period that cannot be written must be that of the set-points, and one that the drive does not take refuses it.
+    let of = |text: &str| derived(text, &wanted(Some(Duration::from_millis(10))));
+    assert_eq!([1, 2].map(|sub| written(&own, 0x60C2, sub)), [Some(10), Some(0xFD)]);
+    let fixed = of(&with(&text, "60C2sub1", "AccessType", "ro")).unwrap().table;
+    assert!(fixed.identity.contains(&Expect::masked(0x60C2, 1, 0xFF, 10)));
+    assert!(fixed.settings.iter().all(|setting| (setting.index, setting.sub) != (0x60C2, 1)));
+    let refusal = of(&with(&text, "60C2sub1", "HighLimit", "4")).unwrap_err();
+    let reason = Reason::OutOfLimits { value: 10, low: 0, high: 4 };
+    assert_eq!(refusal, Refusal { index: 0x60C2, sub: 1, reason });
 }
