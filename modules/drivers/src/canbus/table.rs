@@ -322,6 +322,9 @@ pub struct DriveTable {
     pub stops_without: Vec<u16>,
 }
 
+/// The least transmission type of an RPDO that takes effect when it comes (CiA 301, object 1400h).
+const AT_AN_EVENT: u32 = 254;
+
 /// The built-in table of this name.
 #[must_use]
 pub fn built_in(name: &str) -> Option<Arc<DriveTable>> {
@@ -391,6 +394,16 @@ impl DriveTable {
     #[must_use]
     pub fn turns_wheels(&self) -> bool {
         self.table.mode == Mode::ProfileVelocity
+    }
+
+    /// Compares at each boot-up that commands take effect when they come: an RPDO whose transmission the file leaves as
+    /// it is may wait for SYNC, and a stop with it.
+    pub(super) fn compare_transmission(&mut self) {
+        let rpdo = &self.table.rpdo;
+        if rpdo.transmission.is_none() {
+            let at_an_event = Expect::at_least(0x13FF + u16::from(rpdo.number), 2, AT_AN_EVENT);
+            self.table.identity.to_mut().push(at_an_event);
+        }
     }
 
     /// Refuses values that an object cannot hold by its type: they would be cut, the ramp of a stop among them.

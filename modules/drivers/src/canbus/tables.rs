@@ -41,7 +41,13 @@ struct Entry {
 impl Entry {
     fn new(name: &str, path: &Path, text: &str, of_user: bool) -> Result<Self, Vec<String>> {
         let (keys, file) = parsed(path, text)?;
-        let objects = file.objects(name).map(Arc::new);
+        let objects = file.objects(name).map(|mut table| {
+            // The built-in ones are compared as they always were.
+            if of_user {
+                table.compare_transmission();
+            }
+            Arc::new(table)
+        });
         Ok(Self { file, keys, objects, path: of_user.then(|| path.display().to_string()) })
     }
 }

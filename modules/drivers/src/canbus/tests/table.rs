@@ -2,7 +2,7 @@
 
 use super::super::table::{BUILT_IN, DriveFile, built_in, parsed};
 use super::super::tables::{BYTES_MAX, DriveTables, FILES_MAX};
-use super::super::{BusConfig, Drive, VelocityUnit};
+use super::super::{BusConfig, Drive, VelocityUnit, WheelKeys};
 use canopen::drives::cia402::{Parameters, Table};
 use canopen::drives::derive::{Reason, Refusal};
 use canopen::drives::{epos, icla};
@@ -231,6 +231,21 @@ fn the_files_of_the_guide_are_accepted() {
     for file in files {
         assert!(read(file).is_ok(), "{:?}", read(file));
     }
+}
+
+#[test]
+fn an_rpdo_that_may_wait_for_sync_is_compared_at_the_boot_up() {
+    let at_an_event = Expect::at_least(0x1403, 2, 254);
+    let row = "{ id = 1, axis = \"propulsion\", driver = \"lift\", gear = 5 },";
+    let is_compared = |file: &str| {
+        let bus = nodes(&[("lift", file)], row).unwrap();
+        let Drive::Wheel(WheelKeys { table: Some(table), .. }) = &bus.nodes[0].drive else { panic!("{bus:?}") };
+        table.table.identity.contains(&at_an_event)
+    };
+    assert!(is_compared(text("epos")));
+    // One that is set is read back.
+    assert!(!is_compared(&text("epos").replacen("[rpdo]\n", "[rpdo]\ntransmission = 254\n", 1)));
+    assert!(!built_in("epos").unwrap().table.identity.contains(&at_an_event));
 }
 
 /// Nodes of a bus with the tables of `files`, and what is refused.
