@@ -61,7 +61,7 @@ test: lint-code web-test
 .PHONY: beside-e2e
 beside-e2e:
 	chrt --idle 0 tools/sabotage
-	$(MAKE) --jobs 1 lab-short
+	$(MAKE) lab-short
 
 # Tests of the changes since main, within some minutes.
 test-fast: web
