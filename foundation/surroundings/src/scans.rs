@@ -423,7 +423,7 @@ struct View([Nearest; BINS]);
 /// The nearest finding in a direction.
 #[derive(Clone, Copy, Debug)]
 struct Nearest {
-    /// Its distance, m; infinite: there is none.
+    /// Its distance, m; infinite without one.
     distance: f64,
     turns: u32,
     at: Point,

@@ -208,7 +208,7 @@ pub struct Simulator {
     output: Option<(FeedOutput, usize)>,
     devices: Vec<IoNode>,
     feed_line: Option<FeedLine>,
-    /// The CAN buses, at least one, also where there is none.
+    /// The CAN buses; a robot without one has an idle one.
     can: Vec<CanLine>,
     lines: Vec<SerialLine>,
     auxiliary: Auxiliary,

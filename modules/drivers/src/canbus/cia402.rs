@@ -1,7 +1,7 @@
 //! A drive of CiA 402 by its data sheet: from the keys of the configuration to what the drive must be.
 
 use super::brake::Brake;
-use super::config::{ConfigError, SecondWay, Stop, check_method};
+use super::config::{ConfigError, check_method};
 use super::identity_keys::{self, IdentityKeys};
 use super::{Axis, Config, ramp};
 use base::Duration;
@@ -129,7 +129,7 @@ settings! {
     /// Who switches a holding brake.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub enum BrakeControl {
-        /// The drive itself, or there is none: nothing is written.
+        /// The drive switches it by itself, or has no brake: nothing is written.
         Drive = "drive",
         /// This driver, by the brake output of the drive, bit 0 of 0x60FE:1: released after the drive was enabled, set
         /// when the wheel stands and its drive is off or is to be.
@@ -328,18 +328,9 @@ impl Cia402 {
             setpoints: Some(ramp::PERIOD),
             master: config.sync_and_master(wanted.axis).1,
             torque: wanted.torque,
-            second_way: has_second_way(&config.stop, config.has_pause_line),
+            second_way: config.stop.has_second_way(config.has_pause_line),
             quirks: Quirks { motor_rpm_max: self.motor_rpm_max.map(|rpm| rpm as u32), ..self.keys.quirks() },
         };
         derive(sheet, wanted.node, &description).map_err(|refusal| ConfigError::Drive { axis, refusal })
-    }
-}
-
-/// True if something else than the drive stops the motors.
-fn has_second_way(stop: &Stop, has_power: bool) -> bool {
-    match stop.second_way {
-        SecondWay::Power => has_power,
-        SecondWay::Canopen | SecondWay::Gpio => true,
-        SecondWay::None => false,
     }
 }

@@ -311,7 +311,7 @@ impl Cia402 {
         self.servo.written(now, index, objects, &self.sensed).then_some(Emergency::NONE)
     }
 
-    /// Bit 0 of the outputs sets the brake, where the mask has it, or there is none.
+    /// Bit 0 of the outputs sets the brake, if the mask has that bit or the drive has no mask.
     fn set_outputs(&mut self, objects: &Dictionary) {
         let bit = |sub| objects.get(0x60FE, sub).map(|value| value & 1 != 0);
         self.output = (bit(1).is_some() && bit(2).unwrap_or(true), bit(1) == Some(true));
