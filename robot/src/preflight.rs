@@ -129,6 +129,11 @@ mod tests {
              {folder_text}/wheel.eds: there is no such file"
         );
         assert!(found.contains(&expected), "{expected}\n{found:#?}");
+        // A FIFO has no end that would be reached.
+        let fifo = folder.join("wheel.eds");
+        assert!(std::process::Command::new("mkfifo").arg(&fifo).status().unwrap().success());
+        let found = problems(&place(folder.clone(), false));
+        assert!(found.contains(&expected), "{expected}\n{found:#?}");
         std::fs::remove_dir_all(folder).unwrap();
     }
 

@@ -2,9 +2,11 @@
 
 use crate::config::{self, CanBus, ConfigError};
 use crate::place::RobotLocation;
-use canopen::eds::Eds;
+use canopen::eds::{self, Eds};
 use drivers::canbus::{self, Canbus};
 use settings::Value;
+use std::fs::File;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -17,9 +19,19 @@ fn error(path: &Path, why: impl std::fmt::Display) -> ConfigError {
     ConfigError(vec![format!("{}: {why}", path.display())])
 }
 
+/// The bytes of a sheet, one more than is accepted at most. A FIFO or a device would be read for ever.
+fn bytes(path: &Path) -> Result<Vec<u8>, ConfigError> {
+    if !path.is_file() {
+        return Err(error(path, "expected a data sheet, and this is no file"));
+    }
+    let mut bytes = Vec::new();
+    let read = File::open(path).and_then(|file| file.take(eds::MAX_FILE as u64 + 1).read_to_end(&mut bytes));
+    read.map_err(|why| error(path, why))?;
+    Ok(bytes)
+}
+
 fn load(path: &Path) -> Result<Eds, ConfigError> {
-    let file = std::fs::read(path).map_err(|why| error(path, why))?;
-    Eds::parse(&file).map_err(|why| error(path, why))
+    Eds::parse(&bytes(path)?).map_err(|why| error(path, why))
 }
 
 /// True if a drive is driven by its sheet, or simulated by it.
@@ -66,7 +78,7 @@ pub(crate) fn texts(place: &RobotLocation, bus: &CanBus) -> Result<Vec<(PathBuf,
     let driven = bus.driver.nodes.iter().filter(|node| needs_sheet(node));
     let text = |path: &PathBuf| {
         let full = place.config.join(path);
-        let file = std::fs::read(&full).map_err(|why| error(&full, why))?;
+        let file = bytes(&full)?;
         // Letters of another code are in names and comments alone, by which nothing is driven.
         Ok((path.clone(), String::from_utf8_lossy(&file).into_owned()))
     };

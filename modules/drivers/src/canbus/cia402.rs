@@ -1,7 +1,7 @@
 //! A drive of CiA 402 by its data sheet: from the keys of the configuration to what the drive must be.
 
 use super::brake::Brake;
-use super::config::{ConfigError, check_method};
+use super::config::{ConfigError, check_homed_bit, check_method};
 use super::identity_keys::{self, IdentityKeys};
 use super::{Axis, Config, ramp};
 use base::Duration;
@@ -224,6 +224,7 @@ impl Cia402Config {
             if !table.has("homing_speed_radps") {
                 table.refuse_missing("homing_speed_radps", "the speed towards the homing switch");
             }
+            check_homed_bit(table, self.homed_bit);
         } else {
             table.refuse("homing_method", "nothing: a wheel is not homed");
         }

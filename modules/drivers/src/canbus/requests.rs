@@ -4,13 +4,14 @@
 //! harmless, and those that the configuration names. No configuration names an object that moves or supervises a drive,
 //! or on which its stop depends ([`may_be_listed`]).
 
+use super::net::NodeAt;
 use base::Instant;
 use canopen::master::{RequestError, Ticket};
 use canopen::{Abort, Master, sdo};
 use messages::lowlevel::{CmdSdo, DataSdo};
 use module::Actions;
 
-/// Maximum number of pending requests; further ones are rejected.
+/// Maximum number of pending requests to the nodes of a bus; further ones are rejected. On a bus that is down they wait.
 const PENDING_MAX: usize = 32;
 /// The same for a node that the stop depends on: its speed is read, and its output written, after them.
 const PENDING_OF_OURS_MAX: usize = 4;
@@ -65,7 +66,9 @@ impl Requests {
         let sub = u8::try_from(request.subindex).map_err(|_| Abort::NO_SUB_INDEX)?;
         let same = self.0.iter().filter(|pending| pending.request.node == request.node).count();
         let crowded = matches!(owner, NodeOwner::Ours { .. }) && same >= PENDING_OF_OURS_MAX;
-        if crowded || self.0.len() >= PENDING_MAX {
+        let bus = |node| NodeAt::of_request(node).map(|at| at.bus);
+        let of_bus = self.0.iter().filter(|pending| bus(pending.request.node) == bus(request.node)).count();
+        if crowded || of_bus >= PENDING_MAX {
             return Err(Abort::OUT_OF_MEMORY);
         }
         let data = request.data.as_slice();

@@ -552,6 +552,13 @@ fn by_table(
         quick_stop_deceleration: units.acceleration(config.speed / QUICK_STOP_RAMP_S),
         remap,
     };
+    // No angle is farther than a turn. A position that does not fit would be another angle.
+    let turn = counts_per_turn * gear.abs();
+    if turn > f64::from(i32::MAX) {
+        let reason = Reason::OutOfLimits { value: turn as i64, low: i32::MIN.into(), high: i32::MAX.into() };
+        let refusal = Refusal { index: 0x607A, sub: 0, reason };
+        return Err(ConfigError::Drive { axis: super::Axis::Steering, refusal });
+    }
     let high = own.velocity_max.unwrap_or(u32::MAX);
     if parameters.velocity > high {
         let reason = Reason::OutOfLimits { value: parameters.velocity.into(), low: 1, high: high.into() };

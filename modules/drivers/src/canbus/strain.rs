@@ -6,14 +6,13 @@
 //! or hold the robot have no such part, however great they are. Some is there in health, too: wheels differ in
 //! diameter, friction and grip.
 //!
-//! Judged      while all wheels are to drive, at least one at [`TURNS_MPS`], each has its speed, and the set-points
-//! have             not changed for [`SETTLED`]. Motors that are blocked, pushed or at their limit show it by their
-//! speeds,             which others judge. On a ramp each drive follows its next set-point by a ramp of its own, and
-//! is there             sooner or later than the others; at low speed wheels creep too little to make up for the
-//! resolution of             their drives
-//! Witness     the torque of each wheel, in a PDO and not older than a few of its periods, and the rated torque. A
-//! drive             without them is reported at the start, one that falls silent when the robot drives; neither
-//! stops it
+//! Judged    while all wheels are to drive, at least one at [`TURNS_MPS`], each has its speed, and the set-points have
+//!           not changed for [`SETTLED`]. Motors that are blocked, pushed or at their limit show it by their speeds,
+//!           which others judge. On a ramp each drive follows its next set-point by a ramp of its own, and is there
+//!           sooner or later than the others; at low speed wheels creep too little to make up for the resolution of
+//!           their drives
+//! Witness   the torque of each wheel, in a PDO and not older than a few of its periods, and the rated torque. A drive
+//!           without them is reported at the start, one that falls silent when the robot drives; neither stops it
 
 use super::Canbus;
 use super::propulsion::Propulsion;

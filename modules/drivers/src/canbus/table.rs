@@ -4,7 +4,7 @@
 //! a table or a list of refused keys.
 
 use super::cia402::{Cia402Config, VelocityUnit};
-use super::config::check_method;
+use super::config::{check_homed_bit, check_method};
 use super::identity_keys::{self, IdentityKeys};
 use base::Duration;
 use canopen::axis::modes::Mode;
@@ -450,10 +450,7 @@ impl ObjectsFile {
             }
             TableMode::Position => {
                 self.homing_method.into_iter().for_each(|number| check_method(table, number));
-                // Remote, target reached, internal limit, and two of the mode are set without a homing, too.
-                if self.homed_bit.is_some_and(|bit| (9..=13).contains(&bit)) {
-                    table.refuse("homed_bit", "8, 14 or 15: the others are those of CiA 402");
-                }
+                check_homed_bit(table, self.homed_bit);
             }
         }
         if self.quick_stop_word & 0x86 != 0x02 {

@@ -1,5 +1,5 @@
 // One holder of control at a time, whom all see; taking over is a gesture, and the loser is told.
-import { equal, match } from "node:assert/strict";
+import { deepEqual, equal, match } from "node:assert/strict";
 import { scene } from "./support/scene";
 import { pass, until } from "./support/until";
 
@@ -53,6 +53,5 @@ scene("who has no control commands no motion: goals, positions and homing wait, 
     await button.click({ force: true });
   }
   await v.slide(/^Home the steering anew/);
-  equal(v.said.length, 0);
-  equal(robot.bus.commands.length, 0);
+  deepEqual([v.said, robot.bus.commands], [[], []], "nothing was commanded");
 });

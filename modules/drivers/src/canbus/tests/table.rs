@@ -2,7 +2,8 @@
 
 use super::super::table::{BUILT_IN, DriveFile, built_in, parsed};
 use super::super::tables::{BYTES_MAX, DriveTables, FILES_MAX};
-use super::super::{BusConfig, Drive, VelocityUnit, WheelKeys};
+use super::super::{Axis, BusConfig, Canbus, ConfigError, Drive, SteeringDrive, VelocityUnit, WheelKeys};
+use super::{config, steering_of};
 use canopen::drives::cia402::{Parameters, Table};
 use canopen::drives::derive::{Reason, Refusal};
 use canopen::drives::{epos, icla};
@@ -201,6 +202,20 @@ fn a_ramp_that_its_object_cannot_hold_refuses_the_drive() {
 }
 
 #[test]
+fn a_steering_whose_positions_do_not_fit_is_refused() {
+    let with = |counts_per_turn, gear| {
+        let mut config = config();
+        let table = built_in("icla").unwrap();
+        steering_of(&mut config).drive = SteeringDrive::Table { table, gear, counts_per_turn, remap: false };
+        Canbus::new(config).err()
+    };
+    assert!(with(1e6, -2000.0).is_none());
+    let reason = Reason::OutOfLimits { value: 2_200_000_000, low: i32::MIN.into(), high: i32::MAX.into() };
+    let refusal = Refusal { index: 0x607A, sub: 0, reason };
+    assert_eq!(with(1e6, -2200.0), Some(ConfigError::Drive { axis: Axis::Steering, refusal }));
+}
+
+#[test]
 fn a_data_sheet_lies_beside_the_file_that_names_it() {
     for eds in ["../wheel.eds", "sheets/../../wheel.eds", "/etc/wheel.eds"] {
         let expected = format!("drives/lift.toml:2: eds = {eds:?}: expected a data sheet beside this file");
@@ -309,6 +324,12 @@ fn what_does_not_fit_is_named_where_it_is_written() {
     assert!(nodes(&[], &node("wheel:epos")).unwrap_err()[0].contains("driver = \"wheel:epos\": expected \"epos\" or"));
     let steers = nodes(&[("lift", text("icla"))], &node("lift")).unwrap_err();
     assert!(steers.iter().any(|line| line.contains("axis = \"left\": expected \"steering\"")), "{steers:?}");
+    let steers = |bit: u8| {
+        let keys = format!("gear = 180, switch_rad = 0, homing_speed_radps = 0.2, homed_bit = {bit}");
+        nodes(&[], &format!("{{ id = 2, axis = \"steering\", driver = \"cia402\", eds = \"wheel.eds\", {keys} }}"))
+    };
+    assert_eq!([8, 14, 15].map(|bit| steers(bit).err()), [const { None }; 3]);
+    assert!(steers(12).unwrap_err()[0].contains("homed_bit = 12: expected 8, 14 or 15"));
     // A key of the table that this axis refuses, in the file of the table.
     let homed = SHEET.to_owned() + "homing_method = 17\n";
     let refused = nodes(&[("lift", &homed)], &node("lift")).unwrap_err();

@@ -19,13 +19,19 @@ export const TIMED_OUT = 300;
 /** The server says zero three times, 50 ms apart; then nothing. */
 const ZEROS = 250;
 const SILENCE = 600;
+/** Modules that command others by themselves, such as RUN after a restart. */
+const OWN = ["watchdog", "driver_power"];
+/** What is under way when a test begins, as the zeros of a hold that the last one left, has come by then. */
+const UNDER_WAY = 300;
 
 export class Bus {
   readonly last: Record<string, Record<string, unknown>> = {};
   /** What stands against acting, by module: numbers of docs/holds.md. */
   private readonly lists: Record<string, { code: number }[]> = {};
-  /** Commands of all kinds since `forget`. */
+  /** Commands of all kinds since `forget`, but those that modules give by themselves. */
   commands: Heard[] = [];
+  /** When the last of them was received. */
+  private lastCommand = 0;
 
   constructor(private readonly echo: ChildProcess) {
     process.once("exit", () => echo.kill());
@@ -33,7 +39,9 @@ export class Bus {
       const { channel, utime, message } = JSON.parse(line) as { channel: string; utime: number; message: Record<string, unknown> };
       this.last[channel] = message;
       if (channel === "LL_DATA_HOLD") this.lists[message["module"] as string] = message["holds"] as { code: number }[];
-      if (channel.includes("_CMD_")) this.commands.push({ channel, at: utime / 1000, message });
+      if (!channel.includes("_CMD_") || OWN.includes(message["source"] as string)) return;
+      this.commands.push({ channel, at: utime / 1000, message });
+      this.lastCommand = performance.now();
     });
   }
 
@@ -42,6 +50,10 @@ export class Bus {
   }
   forget(): void {
     this.commands = [];
+  }
+  /** Whether commands on all these channels have been received since `forget`, and nothing for a while. */
+  quietAfter(...channels: string[]): boolean {
+    return performance.now() - this.lastCommand > UNDER_WAY && channels.every((channel) => this.said(channel).length);
   }
 
   motion(): DataMotion | undefined {

@@ -168,13 +168,14 @@ export class Robot {
       this.broken.clear();
     }
     if (bus.stands(...HELD)) await this.goOn();
+    bus.forget();
     // After a stop it waits for an operator.
     await this.advee("goal", "cancel");
     await this.advee("state", "planner", "RUN");
     await until(() => `the robot stands, and may be driven (${bus.motion()?.reason})`, 30, async () => {
       const motion = bus.motion();
       await this.letGo();
-      return motion?.homed && Math.abs(motion.speed ?? 1) < 0.02 && !bus.stands(...HELD, ...LATCHED, HOLD.PauseUnknown) && (!this.hasLine || bus.last["LL_EVENT_STOP"]?.["engaged"] === false);
+      return bus.quietAfter("ML_CMD_GOAL", "CM_CMD_STATE") && motion?.homed && Math.abs(motion.speed ?? 1) < 0.02 && !bus.stands(...HELD, ...LATCHED, HOLD.PauseUnknown) && (!this.hasLine || bus.last["LL_EVENT_STOP"]?.["engaged"] === false);
     });
     bus.forget();
   }
