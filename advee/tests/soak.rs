@@ -4,6 +4,8 @@
 //! `SOAK_HOURS=20 SOAK_SEED=7 cargo test -p advee --test soak shipped` runs it longer.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+#[path = "support/courier_on_two_buses.rs"]
+mod courier_on_two_buses;
 #[path = "support/rovers.rs"]
 mod rovers;
 #[path = "support/by_sheets.rs"]
@@ -11,6 +13,7 @@ mod sheets;
 
 use base::Duration;
 use cli::soak::{Progress, Robot};
+use courier_on_two_buses::{BUSES, Folder};
 use messages::Message;
 use robot::checks;
 use robot::config;
@@ -68,6 +71,27 @@ fn the_shipped_scenario_holds_for_robots_with_other_bases() {
         // Of each wheel, and nothing of what it does not have.
         assert!(report.faults.contains_key("drive_silent"), "{name}: {:?}", report.faults);
         assert!(!report.faults.contains_key("sonar_blind"), "{name}: {:?}", report.faults);
+    }
+}
+
+/// `SOAK_HOURS` and `SOAK_SEED` as above.
+#[test]
+fn the_shipped_scenario_holds_for_wheels_on_two_can_buses() {
+    let folder = Folder::new("soak");
+    let scenario = shipped();
+    let (hours, seed) = (number("SOAK_HOURS").unwrap_or(0.3), number("SOAK_SEED").unwrap_or(1.0) as u64);
+    let episodes = (hours * 3600.0 / scenario.episode().as_secs_f64()).ceil() as u64;
+    let world = Some(root().join("conf/worlds/hall.toml"));
+    let place = RobotLocation { config: folder.path.clone(), world, ..place("hall") };
+    let robot = Robot::new(place.clone(), scenario, seed).expect("the shipped scenario");
+    let report = robot.many(episodes, 2, &Progress::none()).unwrap();
+    assert_eq!(report.violations, [], "seed {seed}");
+    assert!(report.figures.distance > 30.0, "{} m", report.figures.distance);
+    // A fault of the bus comes to either of them.
+    let cuts = only(vec![kind("cut", "can.main", "cut", 600.0)]);
+    let faults = Robot::new(place, cuts, seed).expect("a scenario").faults(0);
+    for bus in BUSES {
+        assert!(faults.iter().any(|fault| fault.target == bus), "{bus} is never cut");
     }
 }
 

@@ -208,6 +208,7 @@ impl Robot {
         let on_line = |name: &str| {
             limits.wheels.iter().find(|wheel| wheel.name == name).is_some_and(|wheel| wheel.drive.line().is_some())
         };
+        let buses: Vec<&str> = limits.buses.iter().map(String::as_str).collect();
         let mut lines: Vec<&str> = limits.wheels.iter().filter_map(|wheel| wheel.drive.line()).collect();
         lines.dedup();
         // An error of a RoboClaw remains until somebody restarts it, which no operator of a soak does.
@@ -231,8 +232,9 @@ impl Robot {
         // another name is a mistake.
         let is_other = limits.base.is_some() || limits.tread_ratio > 1.0;
         let is_due = |target: &str| !is_other && !target.starts_with("lidar.") && !target.starts_with("imu.");
-        let (scenario, without) = scenario
-            .suited(&wheels, &lines, |target, fault| (has(target) || is_due(target)) && can_have(target, fault));
+        let (scenario, without) = scenario.suited(&wheels, &buses, &lines, |target, fault| {
+            (has(target) || is_due(target)) && can_have(target, fault)
+        });
         let is_absent = |target: &String| is_other && !has(target);
         let without = without.into_iter().filter(is_absent).collect();
         let scenario = Scenario { operator: behaviour(&place, &scenario.operator)?, ..scenario };

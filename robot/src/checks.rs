@@ -15,7 +15,7 @@ use navitools::Pose;
 use settings::robot::Base;
 use sim::check::{self, Guarded, Limits, Promise, RangingBoard, SeeingLidar, Sight, StopReport, wire};
 use simulator::world::World;
-use simulator::{Axis, DriveConfig, DriveKind};
+use simulator::{Axis, CanConfig, DriveConfig, DriveKind};
 use std::f64::consts::PI;
 
 /// First communication record of a TPDO.
@@ -42,32 +42,33 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
     let simulated = simulated::config(place, World::default(), robot, false)?;
     let policy = topology::policy(&config);
     let missing = || ConfigError(vec!["checks: robot.toml has no drives of its base that the rules can read".into()]);
-    if !simulated.further.is_empty() {
-        return Err(ConfigError(vec!["checks: the drives are on several CAN buses; the rules read one".into()]));
+    let can: Vec<&CanConfig> = simulated.can.iter().chain(&simulated.further).collect();
+    if can.len() > wire::BUSES_MAX {
+        let why = format!("checks: {} CAN buses; the rules read at most {}", can.len(), wire::BUSES_MAX);
+        return Err(ConfigError(vec![why]));
     }
     let is_controller = |drive: &DriveConfig| matches!(drive.kind, DriveKind::Controller { .. });
-    let on_can = simulated.can.as_ref().map_or(&[][..], |can| &can.drives);
+    let on_can = (0_u8..).zip(&can).flat_map(|(bus, can)| can.drives.iter().map(move |drive| (bus, drive)));
     let circumference = robot.geometry.wheel_circumference_m();
     let node = |drive: &DriveConfig| driver.nodes().find(|node| node.name == drive.name);
-    let is_steering = |drive: &&DriveConfig| drive.kind.axis() == Axis::Steering;
     let mut wheels = Vec::new();
-    for drive in on_can.iter().filter(|drive| !is_steering(drive)) {
+    for (bus, drive) in on_can.clone() {
+        let Axis::Wheel(place) = drive.kind.axis() else { continue };
         let (on_wire, stop_word) = match &drive.kind {
             DriveKind::Controller { device: can::Device::Odrive(device), .. } => {
-                (wire::Drive::can_simple(device.node, device.endpoints.enable_watchdog), 0)
+                (wire::Drive::can_simple(bus, device.node, device.endpoints.enable_watchdog), 0)
             }
-            DriveKind::Controller { device: can::Device::Vesc { device, host }, .. } => (
-                wire::Drive::of_controller(wheels.len() as u8, wire::Protocol::VescOnCan(vesc(device, *host))),
-                QUICK_STOP,
-            ),
+            DriveKind::Controller { device: can::Device::Vesc { device, host }, .. } => {
+                (wire::Drive::of_controller(bus, place, wire::Protocol::VescOnCan(vesc(device, *host))), QUICK_STOP)
+            }
             _ => {
                 let node = node(drive).ok_or_else(missing)?;
                 let stop_word = node.stop.as_ref().and_then(|stop| stop.value.first().copied()).unwrap_or(0);
-                (on_wire(node).ok_or_else(missing)?, stop_word)
+                (on_wire(bus, node).ok_or_else(missing)?, stop_word)
             }
         };
         let units_per_mps = units_per_mps(drive, circumference);
-        wheels.push(wire::Wheel { name: drive.name.clone(), drive: on_wire, stop_word, units_per_mps });
+        wheels.push((place, wire::Wheel { name: drive.name.clone(), drive: on_wire, stop_word, units_per_mps }));
     }
     for line in &simulated.drive_lines {
         for (motor, number) in line.motors.iter().zip(0_u8..) {
@@ -82,22 +83,26 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
                     (wire::Protocol::RoboClaw { line: name, of }, counts.unwrap_or(f64::NAN))
                 }
             };
-            wheels.push(wire::Wheel {
+            let wheel = wire::Wheel {
                 name: motor.name.clone(),
-                drive: wire::Drive::of_controller(wheels.len() as u8, protocol),
+                drive: wire::Drive::of_controller(0, motor.wheel, protocol),
                 stop_word: QUICK_STOP,
                 units_per_mps: units_per_turn * motor.gear / circumference,
-            });
+            };
+            wheels.push((motor.wheel, wheel));
         }
     }
     if wheels.is_empty() {
         return Err(missing());
     }
-    let steering_drive = on_can.iter().find(is_steering);
-    let steering = steering_drive.map(|drive| node(drive).and_then(on_wire).ok_or_else(missing)).transpose()?;
+    // As the base has them, on whichever buses.
+    wheels.sort_by_key(|(place, _)| *place);
+    let steering_drive = on_can.clone().find(|(_, drive)| drive.kind.axis() == Axis::Steering);
+    let read = |(bus, drive): (u8, &DriveConfig)| on_wire(bus, node(drive)?);
+    let steering = steering_drive.map(|found| read(found).ok_or_else(missing)).transpose()?;
     let base = robot.base.as_ref().map(|base| base_limits(base, robot)).transpose()?;
     let homes_at_start = |bus: &CanBus| {
-        let is_theirs = simulated.can.as_ref().is_some_and(|can| can.bus == format!("can.{}", bus.name));
+        let is_theirs = can.iter().any(|can| can.bus == bus.bus());
         is_theirs && bus.driver.homing_release == canbus::HomingRelease::Start
     };
     Ok(Limits {
@@ -109,9 +114,9 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
         stops: stops(robot, &policy),
         estimator: policy.estimator,
         commands: robot.bus.commands,
-        wheels,
+        wheels: wheels.into_iter().map(|(_, wheel)| wheel).collect(),
         steering,
-        homed: match steering_drive.map(|drive| &drive.kind) {
+        homed: match steering_drive.map(|(_, drive)| &drive.kind) {
             Some(DriveKind::Cia402(drive)) => drive.homed,
             Some(DriveKind::Epos { .. } | DriveKind::Icla(_) | DriveKind::Controller { .. }) => {
                 canopen::drives::icla::HOMED
@@ -132,12 +137,12 @@ pub fn limits(place: &RobotLocation, restart_max: Duration) -> Result<Limits, Co
         speed_manual: robot.limits.speed_manual_mps,
         speed_autonomous: robot.limits.speed_autonomous_mps,
         quick_stop: robot.limits.quick_stop_mps2,
-        coasting: (on_can.iter().any(is_controller) || !simulated.drive_lines.is_empty())
+        coasting: (on_can.clone().any(|(_, drive)| is_controller(drive)) || !simulated.drive_lines.is_empty())
             .then_some(robot.stop.coasting_mps2),
         ttl: robot.limits.command_ttl,
         ranging: ranging(robot),
         homing_at_start: robot.can.iter().any(homes_at_start),
-        bus: simulated.can.as_ref().map(|can| can.bus.clone()).unwrap_or_default(),
+        buses: can.iter().map(|can| can.bus.clone()).collect(),
         guard: (robot.guard.ranging != ::guard::Ranging::None)
             .then(|| Guarded { module: ::guard::NAME.into(), creep_mps: robot.guard.creep }),
         promise: robot.guard.ranging.has_sonars().then_some(Promise {
@@ -193,7 +198,7 @@ fn vesc(device: &motorctl::vesc::Device, host: u8) -> wire::Vesc {
 }
 
 /// Where the PDOs of a node have controlword, target and statusword; none: they have not all of them in whole bytes.
-fn on_wire(node: &NodeConfig) -> Option<wire::Drive> {
+fn on_wire(bus: u8, node: &NodeConfig) -> Option<wire::Drive> {
     let place = |mapping: &PdoMapping, wanted: &[u16]| {
         let mut bits = 0;
         for mapped in mapping.entries.iter().map(|entry| Mapped::new(*entry)) {
@@ -206,11 +211,13 @@ fn on_wire(node: &NodeConfig) -> Option<wire::Drive> {
     };
     let rpdo = node.mappings.iter().find(|mapping| mapping.record < TPDOS)?;
     let tpdos = node.mappings.iter().filter(|mapping| mapping.record >= TPDOS);
-    let report = |tpdo: &PdoMapping| Some(wire::Place { id: tpdo.cob_id, at: place(tpdo, &[STATUSWORD])? });
+    let report =
+        |tpdo: &PdoMapping| Some(wire::Place { id: wire::on_bus(bus, tpdo.cob_id), at: place(tpdo, &[STATUSWORD])? });
     Some(wire::Drive {
         protocol: wire::Protocol::Canopen,
+        bus,
         node: node.id,
-        command: wire::Place { id: rpdo.cob_id, at: place(rpdo, &[CONTROLWORD])? },
+        command: wire::Place { id: wire::on_bus(bus, rpdo.cob_id), at: place(rpdo, &[CONTROLWORD])? },
         target: place(rpdo, &TARGETS)?,
         reports: tpdos.filter_map(report).collect(),
     })
@@ -277,6 +284,7 @@ mod tests {
         let first = |id| wire::Place { id, at: 0 };
         let drive = |node, command, reports: [u16; 2]| wire::Drive {
             protocol: wire::Protocol::Canopen,
+            bus: 0,
             node,
             command: first(command),
             target: 2,
@@ -287,7 +295,7 @@ mod tests {
         assert_eq!(limits.steering, Some(drive(2, 0x302, [0x182, 0x282])));
         // 26 turns of the motor per 0.628 m.
         assert!((propulsion.units_per_mps - 2483.0).abs() < 0.5, "{}", propulsion.units_per_mps);
-        assert_eq!((limits.bus.as_str(), propulsion.stop_word, limits.homed), ("can.main", 0x0B, 0x8000));
+        assert_eq!((&limits.buses[..], propulsion.stop_word, limits.homed), (&["can.main".into()][..], 0x0B, 0x8000));
         assert!(limits.homing_at_start);
     }
 }

@@ -52,7 +52,7 @@ pub use promise::Promise;
 pub use sight::{Hits, SeeingLidar, Sight};
 
 use crate::host::News;
-use base::can::{Frame, Id};
+use base::can::Id;
 use base::{Duration, Instant};
 use facts::Facts;
 use kinematics::Chassis;
@@ -104,8 +104,8 @@ pub struct Limits {
     pub estimator: Option<String>,
     /// Who may command.
     pub commands: Commands,
-    /// The drives' bus: `can.main`; empty without one.
-    pub bus: String,
+    /// The CAN buses of the drives: `can.main`; none if all are on serial lines.
+    pub buses: Vec<String>,
     /// The propulsion: the driven axle, or each wheel of a base that does not steer.
     pub wheels: Vec<wire::Wheel>,
     /// The steering; absent: the robot turns by its wheels.
@@ -151,9 +151,15 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// True for the bus of the drives, or the serial line of one.
+    /// Number of a CAN bus of drives.
+    pub(crate) fn bus(&self, name: &str) -> Option<u8> {
+        let number = self.buses.iter().position(|bus| bus == name)?;
+        u8::try_from(number).ok()
+    }
+
+    /// True for a bus of drives, or the serial line of one.
     fn is_bus(&self, target: &str) -> bool {
-        target == self.bus || self.wheels.iter().any(|wheel| wheel.drive.line() == Some(target))
+        self.bus(target).is_some() || self.wheels.iter().any(|wheel| wheel.drive.line() == Some(target))
     }
 
     /// Number of the wheel whose drive has this RPDO.
@@ -361,12 +367,14 @@ impl Checkers {
     /// Judges what motor controllers are sent and report that are no CANopen nodes.
     fn judge_telegrams(&mut self, now: Instant, news: &News<'_>) -> Result<(), (&'static str, String)> {
         let telegrams = match news {
-            News::Can { bus, pid, frame } if *bus == self.facts.limits.bus && *pid != 0 => {
-                self.listener.on_frame(frame)
+            News::Can { bus, pid, frame } if *pid != 0 => {
+                let Some(bus) = self.facts.limits.bus(bus) else { return Ok(()) };
+                self.listener.on_frame(bus, frame)
             }
             News::Words { bus, pid, words } => self.listener.on_words(bus, self.facts.driver.pid == Some(*pid), words),
-            News::CanLost { bus, frame } if *bus == self.facts.limits.bus => {
-                let lost = self.listener.on_frame_lost(frame);
+            News::CanLost { bus, frame } => {
+                let Some(bus) = self.facts.limits.bus(bus) else { return Ok(()) };
+                let lost = self.listener.on_frame_lost(bus, frame);
                 lost.into_iter().for_each(|id| self.drives.on_frame_lost(id));
                 return Ok(());
             }
@@ -381,14 +389,14 @@ impl Checkers {
     fn judge(&mut self, now: Instant, news: &News<'_>) -> Result<(), (&'static str, String)> {
         let facts = &self.facts;
         match news {
-            News::Can { bus, pid, frame } if *bus == facts.limits.bus && *pid != 0 => match frame.id() {
-                Id::Standard(id) => self.on_frame(now, id, frame.data()),
-                Id::Extended(_) => Ok(()),
+            News::Can { bus, pid, frame } => match (facts.limits.bus(bus), frame.id()) {
+                (Some(bus), Id::Standard(id)) if *pid != 0 => self.on_frame(now, wire::on_bus(bus, id), frame.data()),
+                (Some(bus), _) if *pid == 0 => {
+                    self.rival.on_foreign(now, bus, frame, facts);
+                    Ok(())
+                }
+                _ => Ok(()),
             },
-            News::Can { bus, frame, .. } if *bus == facts.limits.bus => {
-                self.rival.on_foreign(now, frame, facts);
-                Ok(())
-            }
             News::Heard { pid, at, sender, message }
                 if facts.driver.pid == Some(*pid) && facts.believes(*sender, message) =>
             {
@@ -400,8 +408,10 @@ impl Checkers {
                 }
                 Ok(())
             }
-            News::CanLost { bus, frame } if *bus == facts.limits.bus => {
-                self.on_frame_lost(frame);
+            News::CanLost { bus, frame } => {
+                if let (Some(bus), Id::Standard(id)) = (facts.limits.bus(bus), frame.id()) {
+                    self.drives.on_frame_lost(wire::on_bus(bus, id));
+                }
                 Ok(())
             }
             News::Message { sender, message } => self.on_message(now, *sender, message),
@@ -514,12 +524,6 @@ impl Checkers {
         named("drives", self.drives.on_set_point(now, speed, facts))?;
         named("homed", self.homed.on_set_point(now, speed, facts))?;
         named("authority", self.authority.on_set_point(now, speed, facts))
-    }
-
-    fn on_frame_lost(&mut self, frame: &Frame) {
-        if let Id::Standard(id) = frame.id() {
-            self.drives.on_frame_lost(id);
-        }
     }
 
     fn on_message(&mut self, now: Instant, sender: Sender, message: &Message) -> Result<(), (&'static str, String)> {

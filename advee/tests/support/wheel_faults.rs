@@ -199,7 +199,7 @@ pub enum Outcome {
 #[derive(Default)]
 struct Seen {
     drives: Vec<Drive>,
-    bus: String,
+    buses: Vec<String>,
     ready: bool,
     turns: Vec<bool>,
     /// Last target of each, in units of its drive.
@@ -233,14 +233,19 @@ enum Absence {
 impl Seen {
     fn take(&mut self, now: Instant, news: &News<'_>) {
         match news {
-            News::Can { bus, frame, .. } if *bus == self.bus => self.on_frame(now, frame),
+            News::Can { bus, frame, .. } => {
+                if let Some(bus) = self.buses.iter().position(|own| own == bus) {
+                    self.on_frame(now, bus as u8, frame);
+                }
+            }
             News::Message { message: Message::LlDataVelocity(velocity), .. } => self.ready = velocity.ready,
             _ => {}
         }
     }
 
-    fn on_frame(&mut self, now: Instant, frame: &Frame) {
+    fn on_frame(&mut self, now: Instant, bus: u8, frame: &Frame) {
         let Id::Standard(id) = frame.id() else { return };
+        let id = wire::on_bus(bus, id);
         self.watch_victim(id, frame.data());
         for (wheel, drive) in self.drives.iter().enumerate() {
             let Some(turns) = drive.turns(id, frame.data()) else { continue };
@@ -359,7 +364,7 @@ impl Subject {
             Kind::Dies | Kind::Hangs => self.critical.clone(),
             Kind::OtherDies | Kind::OtherHangs => self.others.clone(),
             Kind::WatchdogDies | Kind::WatchdogHangs => vec![watchdog::NAME.into()],
-            Kind::Cut | Kind::BusOff => vec![self.limits.bus.clone()],
+            Kind::Cut | Kind::BusOff => self.limits.buses.clone(),
             // That of a single wheel is in `advee/tests/virtual/tricycle.rs`: there is no other wheel to be stopped.
             Kind::Reversed if self.limits.wheels.len() < 2 => Vec::new(),
             Kind::TooFast | Kind::Reversed => wheels().collect(),
@@ -391,7 +396,7 @@ impl Subject {
         let wheels = self.limits.wheels.len();
         let seen = Rc::new(RefCell::new(Seen {
             drives: self.limits.wheels.iter().map(|wheel: &wire::Wheel| wheel.drive.clone()).collect(),
-            bus: self.limits.bus.clone(),
+            buses: self.limits.buses.clone(),
             turns: vec![false; wheels],
             targets: vec![0.0; wheels],
             victim: (fault.kind == Kind::NotEnabled).then(|| self.victim(fault)).flatten(),

@@ -8,6 +8,8 @@ mod blind;
 mod by_sheets;
 mod campaign;
 mod canopen_io;
+#[path = "../support/courier_on_two_buses.rs"]
+mod courier_on_two_buses;
 mod drive_tables;
 mod estimator;
 mod faults;

@@ -1,10 +1,9 @@
 //! A courier whose wheels are on two CAN buses, as nodes of the same id: one body, which stops as a whole.
 
+use super::courier_on_two_buses::{BUSES, Folder};
 use super::*;
 use messages::simulation::{CmdFault, DataTruth};
-use std::path::PathBuf;
 
-const BUSES: [&str; 2] = ["can.main", "can.second"];
 const AXES: [&str; 2] = ["left", "right"];
 /// Maximum time from a fault to the stop of the other wheel, on its own wire.
 const STOP_MAX: Duration = Duration::from_millis(300);
@@ -66,47 +65,14 @@ struct Courier {
     observed: Rc<RefCell<Observed>>,
 }
 
-/// The configuration of the courier with its right wheel on a bus of its own, in a folder that lasts as long as this.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(test: &str) -> Self {
-        let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/courier");
-        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("two-buses-{test}-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).expect("a folder");
-        for entry in std::fs::read_dir(&shipped).expect("the shipped folder") {
-            let file = entry.expect("a file").path();
-            std::fs::copy(&file, folder.join(file.file_name().expect("a name"))).expect("a copy");
-        }
-        let change = |name: &str, change: &dyn Fn(String) -> String| {
-            let file = folder.join(name);
-            std::fs::write(&file, change(std::fs::read_to_string(&file).expect("a text"))).expect("a file");
-        };
-        change("robot.toml", &|text| {
-            let right = "[[can.main.nodes]]\nid = 2\naxis = \"right\"";
-            assert!(text.contains(right), "the shipped courier");
-            let bus = "[can.second]\ninterface = \"can1\"\nbitrate = 250000\n\n[[can.second.nodes]]\nid = 1\n";
-            text.replace(right, &format!("{bus}axis = \"right\""))
-        });
-        change("sim.toml", &|text| text + "\n[can.second]\ninterface = \"udp:239.74.163.3\"\n");
-        Self(folder)
-    }
-
-    fn place(&self) -> RobotLocation {
-        let world = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/worlds/empty.toml");
-        RobotLocation { config: self.0.clone(), world: Some(world), ..guarded_place() }
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        std::fs::remove_dir_all(&self.0).expect("the folder");
-    }
+fn place(folder: &Folder) -> RobotLocation {
+    let world = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf/worlds/empty.toml");
+    RobotLocation { config: folder.path.clone(), world: Some(world), ..guarded_place() }
 }
 
 impl Courier {
     fn new(folder: &Folder) -> Self {
-        let mut machine = virtual_machine(&folder.place(), Config { seed: 1, ..Config::default() }).expect("a robot");
+        let mut machine = virtual_machine(&place(folder), Config { seed: 1, ..Config::default() }).expect("a robot");
         let observed = Rc::new(RefCell::new(Observed::default()));
         let keep = observed.clone();
         machine.observe(move |now, news| keep.borrow_mut().take(now, news));

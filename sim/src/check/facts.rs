@@ -5,10 +5,10 @@ use super::life::Life;
 use super::names::Names;
 use super::pause_line::{By, PauseLine};
 use super::sources::{Asked, ROUNDING_MPS, Source, Sources};
-use super::wire::{Drive, Wheel};
+use super::wire::{Drive, Wheel, on_bus};
 use super::{Base, Limits};
 use crate::host::News;
-use base::can::Id;
+use base::can::{Frame, Id};
 use base::{Duration, Instant};
 use messages::{Message, common, lowlevel, middlelevel};
 use module::State;
@@ -136,12 +136,12 @@ pub(super) struct Facts {
     located: Option<Instant>,
     /// Instant at which the estimate was reported lost.
     lost: Instant,
-    /// End of the disturbance of the drives' bus.
+    /// End of the disturbance of the drives' buses: that of one of them is one of the robot.
     disturbed: Instant,
     /// End of a cut, until the driver has sent a frame again.
     cut: Option<Instant>,
-    /// Time of the driver's last frame on the wire, and of its gap before that.
-    sent: Instant,
+    /// Time of the driver's last frame on each bus, and the gap before the last one of all.
+    sent: Vec<Instant>,
     gap: Duration,
     /// End of the last disturbance of LCM.
     lcm: Option<Instant>,
@@ -164,6 +164,7 @@ impl Facts {
             asked_by: 0,
             slowest: 0.0,
             powered: vec![Instant::ZERO; limits.wheels.len()],
+            sent: vec![Instant::ZERO; limits.buses.len().max(1)],
             limits,
             driver: Life::default(),
             others: Names::default(),
@@ -181,7 +182,6 @@ impl Facts {
             lost: Instant::ZERO,
             disturbed: Instant::ZERO,
             cut: None,
-            sent: Instant::ZERO,
             gap: Duration::ZERO,
             lcm: None,
             deaf: Instant::ZERO,
@@ -198,20 +198,20 @@ impl Facts {
         if queues { QUEUE_AGE } else { DELAY_MAX }
     }
 
-    /// True if the drives' bus is disturbed, or was within [`AFTERMATH`].
+    /// True if a bus of the drives is disturbed, or was within [`AFTERMATH`].
     pub fn is_disturbed(&self, now: Instant) -> bool {
         now < self.disturbed
     }
 
-    /// True if the drives' bus is disturbed, or was so recently that a controller may still be off.
+    /// True if a bus of the drives is disturbed, or was so recently that a controller may still be off.
     pub fn was_disturbed(&self, now: Instant) -> bool {
         self.disturbed > Instant::ZERO && now < self.disturbed + BUS_OFF_MAX
     }
 
-    /// True if the driver's controller may still be off since the bus was disturbed: it sends nothing, and receives
-    /// nothing.
+    /// True if the driver's controller of a bus may still be off since the bus was disturbed: it sends nothing, and
+    /// receives nothing.
     pub fn driver_may_be_off(&self, now: Instant) -> bool {
-        self.was_disturbed(now) && now.since(self.sent) > SENDS_WITHIN
+        self.was_disturbed(now) && self.sent.iter().any(|sent| now.since(*sent) > SENDS_WITHIN)
     }
 
     /// True if this set-point is a frame that was on the wire when the cable was cut, or when all nodes went bus-off: a
@@ -332,25 +332,15 @@ impl Facts {
 
     pub fn observe(&mut self, now: Instant, news: &News<'_>) {
         match news {
-            News::Can { bus, pid, frame } if *bus == self.limits.bus && *pid != 0 => {
-                if self.driver.pid == Some(*pid) {
-                    self.gap = now.since(std::mem::replace(&mut self.sent, now));
-                }
-                if let Id::Standard(id) = frame.id() {
-                    self.on_frame(now, id, frame.data());
+            News::Can { bus, pid, frame } => {
+                if let Some(bus) = self.limits.bus(bus) {
+                    self.on_can(now, bus, *pid, frame);
                 }
             }
             News::Heard { pid, at, sender, message }
                 if self.driver.pid == Some(*pid) && self.believes(*sender, message) =>
             {
                 self.on_heard(now, *at, *sender, message);
-            }
-            News::Can { bus, frame, .. } if *bus == self.limits.bus && self.is_command(frame) => {
-                self.disobeys = self.disobeys.max(now + AFTERMATH_OF_COMMAND);
-                self.steering_ill = self.steering_ill.max(now + AFTERMATH_OF_COMMAND);
-                if self.limits.coasting.is_some() {
-                    self.rolls = self.rolls.max(now + COASTING_TIME);
-                }
             }
             News::Message { sender, message: Message::LlCmdPower(_) } if sender.pid() == self.driver.pid => {
                 self.rolls = self.rolls.max(now + COASTING_TIME);
@@ -363,6 +353,26 @@ impl Facts {
             News::State { module, state } if *module == self.limits.driver => self.state = (*state, now),
             News::Fault { target, fault, until } => self.on_fault(now, target, fault, *until),
             _ => {}
+        }
+    }
+
+    /// A frame on a bus of the drives; process 0: a node that is not the robot's.
+    fn on_can(&mut self, now: Instant, bus: u8, pid: u32, frame: &Frame) {
+        if pid != 0 {
+            if self.driver.pid == Some(pid)
+                && let Some(sent) = self.sent.get_mut(usize::from(bus))
+            {
+                self.gap = now.since(std::mem::replace(sent, now));
+            }
+            if let Id::Standard(id) = frame.id() {
+                self.on_frame(now, on_bus(bus, id), frame.data());
+            }
+        } else if self.is_command(bus, frame) {
+            self.disobeys = self.disobeys.max(now + AFTERMATH_OF_COMMAND);
+            self.steering_ill = self.steering_ill.max(now + AFTERMATH_OF_COMMAND);
+            if self.limits.coasting.is_some() {
+                self.rolls = self.rolls.max(now + COASTING_TIME);
+            }
         }
     }
 
@@ -404,7 +414,7 @@ impl Facts {
             let until = if over { now } else { until };
             self.disturbed = if over { now + AFTERMATH } else { self.disturbed.max(until + AFTERMATH) };
             // A serial line repeats nothing.
-            if target == self.limits.bus && (over || fault == "cut") {
+            if self.limits.bus(target).is_some() && (over || fault == "cut") {
                 self.cut = Some(until);
             }
         } else if target == "lcm" {
@@ -432,7 +442,7 @@ impl Facts {
         }
     }
 
-    /// A frame on the bus of the drives, or a telegram of one.
+    /// A frame on a bus of the drives, or a telegram of one.
     pub fn on_frame(&mut self, now: Instant, id: u16, data: &[u8]) {
         if let Some((number, status)) = self.limits.reported(id, data)
             && status & STATE_MASK == OPERATION_ENABLED

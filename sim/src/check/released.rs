@@ -12,6 +12,7 @@
 use super::Verdict;
 use super::facts::{Facts, orders_to_drive};
 use super::pause_line::{PAUSE_TIMEOUT, Pause};
+use super::wire::Heartbeat;
 use base::{Duration, Instant};
 use messages::Message;
 use module::State;
@@ -30,8 +31,6 @@ const REACHED_WITHIN: Duration = Duration::from_secs(2);
 /// Time in which a steering that is homed finds its switch and turns straight ahead. If it is homed again it keeps its
 /// reference meanwhile.
 const HOMED_WITHIN: Duration = Duration::from_secs(17);
-/// NMT state in a heartbeat.
-const BOOT_UP: u8 = 0;
 
 /// The steering, and the releases of its homing.
 #[derive(Debug, Default)]
@@ -106,7 +105,7 @@ impl Rule {
             if facts.limits.homed != 0 {
                 self.on_reference(now, status & facts.limits.homed != 0);
             }
-        } else if id == 0x700 + u16::from(steering.node) && data.first() == Some(&BOOT_UP) {
+        } else if steering.heartbeat(id, data) == Some(Heartbeat::Down) {
             self.on_cause(now);
             self.referenced = false;
         }

@@ -19,9 +19,9 @@ pub(super) struct Rule {
 }
 
 impl Rule {
-    /// A node that is not the driver's has sent a frame.
-    pub fn on_foreign(&mut self, now: Instant, frame: &Frame, facts: &Facts) {
-        if facts.is_command(frame) {
+    /// A node that is not the driver's has sent a frame on a bus of the drives.
+    pub fn on_foreign(&mut self, now: Instant, bus: u8, frame: &Frame, facts: &Facts) {
+        if facts.is_command(bus, frame) {
             let undisturbed = facts.driver.ill(now);
             let known = |(first, last): &(Instant, Instant)| now.since(*last) < STANDS_MIN && *first > undisturbed;
             let first = self.commands.filter(known).map_or(now, |(first, _)| first);
@@ -44,8 +44,8 @@ impl Rule {
 }
 
 impl Facts {
-    /// True for a frame by which a master commands the drives.
-    pub fn is_command(&self, frame: &Frame) -> bool {
-        self.limits.drives().any(|(_, drive)| drive.is_command(frame))
+    /// True for a frame by which a master commands the drives of its bus.
+    pub fn is_command(&self, bus: u8, frame: &Frame) -> bool {
+        self.limits.drives().any(|(_, drive)| drive.bus == bus && drive.is_command(frame))
     }
 }

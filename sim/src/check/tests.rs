@@ -4,6 +4,7 @@
 //! holds after every step, unless the line ends with `! rule`: that rule must be the first to be violated there.
 
 use super::*;
+use base::can::Frame;
 use messages::{lowlevel, middlelevel, simulation};
 use module::ExitStatus;
 use module::admission::{Process, Way};
@@ -24,6 +25,7 @@ fn drive(node: u8, command: u16, reports: &[u16]) -> wire::Drive {
     let first = |id| wire::Place { id, at: 0 };
     wire::Drive {
         protocol: wire::Protocol::Canopen,
+        bus: 0,
         node,
         command: first(command),
         target: 2,
@@ -41,7 +43,7 @@ fn limits() -> Limits {
         stops: Vec::new(),
         estimator: None,
         commands: Commands::Host,
-        bus: "can".into(),
+        buses: vec!["can".into()],
         wheels: vec![wire::Wheel {
             name: "propulsion".into(),
             drive: drive(1, 0x501, &[0x181, 0x481]),

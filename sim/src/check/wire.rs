@@ -5,6 +5,8 @@
 //! the traffic, and the [`Listener`] passes on what a CANopen drive would have sent, as telegrams with identifiers
 //! beyond those of CAN. So a further protocol is a file with its reader, and a line in [`Protocol`], in
 //! [`Drive::reader`] and in each function of what other programs can do to it.
+//!
+//! Nodes on two buses may have the same id. So identifiers are those of all buses: [`on_bus`] of the frame's own one.
 
 mod roboclaw;
 mod telegram;
@@ -18,10 +20,21 @@ use base::can::{Frame, Id};
 use base::serial::Word;
 use telegram::{DRIVE, FAULT, OPERATION_ENABLED, SWITCH_ON_DISABLED};
 
+/// Number of the standard identifiers of a CAN bus.
+const IDS: u16 = 0x800;
+/// Greatest number of CAN buses: the identifiers of telegrams are beyond theirs.
+pub const BUSES_MAX: usize = (TELEGRAMS / IDS) as usize;
+
+/// An identifier of the frames on a bus, less than 0x800, among those of all buses.
+#[must_use]
+pub const fn on_bus(bus: u8, id: u16) -> u16 {
+    IDS * bus as u16 + id
+}
+
 /// Place in the frames of an identifier: bytes before a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Place {
-    /// The identifier.
+    /// The identifier, among those of all buses.
     pub id: u16,
     /// Bytes before the value.
     pub at: usize,
@@ -60,6 +73,8 @@ pub enum Protocol {
 pub struct Drive {
     /// Protocol by which it is commanded.
     pub protocol: Protocol,
+    /// Number of its CAN bus, in [`Limits::buses`](super::Limits::buses).
+    pub bus: u8,
     /// Node id; of CAN Simple the upper six bits of its identifiers; of a controller that a reader reads its number.
     pub node: u8,
     /// The controlword in its RPDO; of CAN Simple the set-point of the velocity.
@@ -127,10 +142,11 @@ pub struct Wheel {
 impl Drive {
     /// An ODrive with this node id by CAN Simple; `enable_watchdog` is an endpoint of its firmware.
     #[must_use]
-    pub fn can_simple(node: u8, enable_watchdog: u16) -> Self {
-        let place = |message| Place { id: u16::from(node) << 5 | message, at: 0 };
+    pub fn can_simple(bus: u8, node: u8, enable_watchdog: u16) -> Self {
+        let place = |message| Place { id: on_bus(bus, u16::from(node) << 5 | message), at: 0 };
         Self {
             protocol: Protocol::CanSimple { enable_watchdog },
+            bus,
             node,
             command: place(can_simple::SET_INPUT_VEL),
             target: 0,
@@ -138,11 +154,11 @@ impl Drive {
         }
     }
 
-    /// The wheel of this number, driven by a motor controller whose traffic a reader reads.
+    /// The wheel of this number, driven by a motor controller whose traffic a reader reads; `bus`: if it is on CAN.
     #[must_use]
-    pub fn of_controller(number: u8, protocol: Protocol) -> Self {
+    pub fn of_controller(bus: u8, number: u8, protocol: Protocol) -> Self {
         let place = |what| Place { id: TELEGRAMS + TELEGRAMS_OF_DRIVE * u16::from(number) + what, at: 0 };
-        Self { protocol, node: number, command: place(COMMAND), target: 1, reports: vec![place(STATUS)] }
+        Self { protocol, bus, node: number, command: place(COMMAND), target: 1, reports: vec![place(STATUS)] }
     }
 
     /// What reads its traffic; none of a drive whose frames are read as they are.
@@ -205,11 +221,11 @@ impl Drive {
     #[must_use]
     pub fn loses_master(&self, id: u16, data: &[u8]) -> bool {
         self.protocol == Protocol::Canopen
-            && id == EMERGENCY + u16::from(self.node)
+            && id == on_bus(self.bus, EMERGENCY + u16::from(self.node))
             && data.starts_with(&HEARTBEAT_LOST)
     }
 
-    /// The frame that drives it at this target, in units of the drive; none: nobody else can send it one.
+    /// The frame on its bus that drives it at this target, in units of the drive; none: nobody else can send it one.
     #[must_use]
     pub fn drive_at(&self, target: f64) -> Option<Frame> {
         let data = match &self.protocol {
@@ -223,7 +239,7 @@ impl Drive {
             Protocol::VescOnCan(vesc) => return vesc.drive_at(target),
             Protocol::VescOnUart { .. } | Protocol::RoboClaw { .. } => return None,
         };
-        Some(Frame::standard(self.command.id, &data))
+        Some(Frame::standard(self.command.id % IDS, &data))
     }
 
     /// Statusword in a frame; `None`: it has none. For CAN Simple, the statusword of CiA 402 that corresponds to the
@@ -273,8 +289,8 @@ impl Drive {
     #[must_use]
     pub fn heartbeat_id(&self) -> u16 {
         match self.protocol {
-            Protocol::Canopen => 0x700 + u16::from(self.node),
-            Protocol::CanSimple { .. } => u16::from(self.node) << 5 | can_simple::HEARTBEAT,
+            Protocol::Canopen => on_bus(self.bus, 0x700 + u16::from(self.node)),
+            Protocol::CanSimple { .. } => on_bus(self.bus, u16::from(self.node) << 5 | can_simple::HEARTBEAT),
             _ => TELEGRAMS + TELEGRAMS_OF_DRIVE * u16::from(self.node) + HEARTBEAT,
         }
     }
@@ -299,7 +315,7 @@ impl Drive {
         }
     }
 
-    /// True for a frame by which a master commands this drive: of CANopen an NMT command, SYNC, an RPDO or an SDO
+    /// True for a frame on its bus by which a master commands this drive: of CANopen an NMT command, SYNC, an RPDO or an SDO
     /// request; of a motor controller a message that changes something. Nobody else is on a serial line.
     #[must_use]
     pub fn is_command(&self, frame: &Frame) -> bool {
@@ -379,19 +395,19 @@ impl Listener {
         Self { readers: wheels.iter().filter_map(reader).collect() }
     }
 
-    /// The telegrams of a frame on the bus of the drives, as identifiers and data.
-    pub fn on_frame(&mut self, frame: &Frame) -> Vec<(u16, Vec<u8>)> {
+    /// The telegrams of a frame on a bus, as identifiers and data.
+    pub fn on_frame(&mut self, bus: u8, frame: &Frame) -> Vec<(u16, Vec<u8>)> {
         let mut all = Vec::new();
-        for (drive, reader) in &mut self.readers {
+        for (drive, reader) in self.readers.iter_mut().filter(|(drive, _)| drive.bus == bus) {
             reader.on_frame(frame, &mut |meaning| all.push(drive.telegram(meaning)));
         }
         all
     }
 
     /// Identifiers of what is missing if this frame is received by nobody: the heartbeats of its drives.
-    pub fn on_frame_lost(&mut self, frame: &Frame) -> Vec<u16> {
+    pub fn on_frame_lost(&mut self, bus: u8, frame: &Frame) -> Vec<u16> {
         let mut all = Vec::new();
-        for (drive, reader) in &mut self.readers {
+        for (drive, reader) in self.readers.iter_mut().filter(|(drive, _)| drive.bus == bus) {
             if reader.on_frame(frame, &mut |_| {}) {
                 all.push(drive.heartbeat_id());
             }
@@ -424,6 +440,7 @@ mod tests {
         // Target first; the statusword behind a position.
         let drive = Drive {
             protocol: Protocol::Canopen,
+            bus: 0,
             node: 1,
             command: Place { id: 0x201, at: 4 },
             target: 0,
@@ -440,7 +457,7 @@ mod tests {
     #[test]
     fn an_odrive_is_read_as_a_drive_of_cia_402() {
         // Node 3: 0x061 is the heartbeat, 0x06D Set_Input_Vel.
-        let drive = Drive::can_simple(3, 0x0123);
+        let drive = Drive::can_simple(0, 3, 0x0123);
         assert_eq!((drive.command.id, drive.heartbeat_id()), (0x06D, 0x061));
         let frame = drive.drive_at(-2.5).unwrap();
         assert_eq!(frame.data(), [0, 0, 0x20, 0xC0, 0, 0, 0, 0]);
@@ -461,16 +478,43 @@ mod tests {
     }
 
     #[test]
+    fn drives_with_the_same_node_id_on_two_buses_are_told_apart() {
+        let canopen = |bus| {
+            let place = |id| Place { id: on_bus(bus, id), at: 0 };
+            let (command, reports) = (place(0x201), vec![place(0x181)]);
+            Drive { protocol: Protocol::Canopen, bus, node: 1, command, target: 2, reports }
+        };
+        let drives = [canopen(0), canopen(1), Drive::can_simple(2, 3, 251)];
+        let ids = drives.each_ref().map(|drive| [drive.command.id, drive.heartbeat_id(), drive.reports[0].id]);
+        assert_eq!(ids, [[0x201, 0x701, 0x181], [0xA01, 0xF01, 0x981], [0x106D, 0x1061, 0x1061]]);
+        // A frame has the identifier of its bus.
+        let frames = drives.each_ref().map(|drive| drive.drive_at(2.0).map(|frame| frame.id()));
+        assert_eq!(frames, [0x201, 0x201, 0x06D].map(|id| Some(Id::Standard(id))));
+        let lost = [0x30, 0x81, 0x11];
+        for (drive, bus) in drives[..2].iter().zip(0..) {
+            for other in 0..2 {
+                assert_eq!(drive.turns(on_bus(other, 0x081), &lost), (other == bus).then_some(false));
+                assert_eq!(drive.reported(on_bus(other, 0x181), &[0x37, 2]).is_some(), other == bus);
+                assert_eq!(drive.heartbeat(on_bus(other, 0x701), &[5]).is_some(), other == bus);
+            }
+        }
+        // The last bus does not reach into the telegrams.
+        assert_eq!(BUSES_MAX, 16);
+        assert!(on_bus(15, 0x7FF) < TELEGRAMS);
+    }
+
+    #[test]
     fn a_drive_turns_until_a_command_or_its_own_report_stops_it() {
         let place = |id| Place { id, at: 0 };
         let canopen = Drive {
             protocol: Protocol::Canopen,
+            bus: 0,
             node: 1,
             command: place(0x201),
             target: 2,
             reports: vec![place(0x181)],
         };
-        let odrive = Drive::can_simple(3, 0x0123);
+        let odrive = Drive::can_simple(0, 3, 0x0123);
         let below_1_rpm = 0.01_f32.to_le_bytes();
         for (drive, id, data, expected) in [
             (&canopen, 0x201, &[0x0F, 0, 1, 0, 0, 0][..], Some(true)),
@@ -494,7 +538,7 @@ mod tests {
 
     #[test]
     fn a_command_of_a_master_is_one_that_changes_something() {
-        let odrive = Drive::can_simple(3, 0x0123);
+        let odrive = Drive::can_simple(0, 3, 0x0123);
         let canopen = Drive { protocol: Protocol::Canopen, node: 1, ..odrive.clone() };
         for (drive, id, data, expected) in [
             (&odrive, 0x06D, &[0; 8][..], true),

@@ -2,7 +2,7 @@
 
 use super::operator;
 use super::tally::{Contacts, Driven, Goals, Shares};
-use crate::check::wire::{Drive, Listener, Wheel};
+use crate::check::wire::{Drive, Listener, Wheel, on_bus};
 use crate::check::{Limits, Times};
 use crate::host::News;
 use base::can::{Frame, Id};
@@ -121,7 +121,11 @@ impl Meter {
 
     pub fn observe(&mut self, now: Instant, news: &News<'_>) {
         match *news {
-            News::Can { bus, pid, frame } if bus == self.limits.bus && pid != 0 => self.on_frame(now, &frame),
+            News::Can { bus, pid, frame } if pid != 0 => {
+                if let Some(bus) = self.limits.bus(bus) {
+                    self.on_frame(now, bus, &frame);
+                }
+            }
             News::Words { bus, pid, words } => {
                 let telegrams = self.listener.on_words(bus, self.driver == Some(pid), words);
                 telegrams.into_iter().for_each(|(id, data)| self.on_telegram(now, id, &data));
@@ -196,11 +200,11 @@ impl Meter {
         self.commanded = (speed != 0.0).then_some(now);
     }
 
-    fn on_frame(&mut self, now: Instant, frame: &Frame) {
+    fn on_frame(&mut self, now: Instant, bus: u8, frame: &Frame) {
         if let Id::Standard(id) = frame.id() {
-            self.on_telegram(now, id, frame.data());
+            self.on_telegram(now, on_bus(bus, id), frame.data());
         }
-        let telegrams = self.listener.on_frame(frame);
+        let telegrams = self.listener.on_frame(bus, frame);
         telegrams.into_iter().for_each(|(id, data)| self.on_telegram(now, id, &data));
     }
 

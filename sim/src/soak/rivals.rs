@@ -58,8 +58,8 @@ pub(super) fn speak(machine: &mut Virtual, fault: &Fault, limits: &Limits) -> bo
             }
         }
         "foreign_pdo" | "foreign_nmt" | "foreign_sdo" => {
-            let Some(frame) = foreign_frame(fault, limits) else { return false };
-            return times(FRAME_PERIOD).all(|at| machine.inject_frame(at, &limits.bus, frame));
+            let Some((bus, frame)) = foreign_frame(fault, limits) else { return false };
+            return times(FRAME_PERIOD).all(|at| machine.inject_frame(at, bus, frame));
         }
         _ => return false,
     }
@@ -133,15 +133,17 @@ fn foreign_messages(machine: &Virtual, fault: &Fault, first: bool) -> Vec<Messag
     }
 }
 
-fn foreign_frame(fault: &Fault, limits: &Limits) -> Option<Frame> {
+/// The frame of another master, and its bus.
+fn foreign_frame<'a>(fault: &Fault, limits: &'a Limits) -> Option<(&'a str, Frame)> {
     let wheel = limits.wheels.iter().find(|wheel| wheel.name == fault.target);
     let steering = limits.steering.as_ref().filter(|_| fault.target == "steering");
     let of = wheel.map(|wheel| &wheel.drive).or(steering)?;
-    match (fault.fault.as_str(), wheel) {
+    let frame = match (fault.fault.as_str(), wheel) {
         ("foreign_pdo", Some(Wheel { drive, units_per_mps, .. })) => drive.drive_at(fault.value * units_per_mps),
         // A frame that the steering does not receive.
         ("foreign_pdo", None) => Some(Frame::standard(0x500 + u16::from(of.node), &[0x0F, 0, 0, 0, 0, 0])),
         ("foreign_nmt", _) => of.foreign_stop(),
         _ => of.foreign_parameter(),
-    }
+    };
+    Some((limits.buses.get(usize::from(of.bus))?, frame?))
 }

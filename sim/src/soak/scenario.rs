@@ -28,8 +28,10 @@ const OF_SOFTWARE: [&str; 18] = [
     "foreign_list",
     "foreign_release",
 ];
-/// Targets that stand for each driven wheel, and for each serial line of a drive; the one of the message bus.
+/// Targets that stand for each driven wheel, each CAN bus of drives, and each serial line of a drive; the one of the
+/// message bus.
 const PROPULSION: &str = "propulsion";
+const DRIVE_BUSES: &str = "can.main";
 const DRIVE_LINES: &str = "serial";
 const LCM: &str = "lcm";
 /// A day, s.
@@ -164,14 +166,15 @@ pub enum Phase {
 }
 
 impl Scenario {
-    /// The same for a robot that does not have all that it names. `propulsion` is every driven wheel, `serial` every
-    /// line of `lines`, on which drives are. A fault of the hardware stays for those of its targets that the robot has
+    /// The same for a robot that does not have all that it names. `propulsion` is every driven wheel, `can.main` every
+    /// CAN bus of drives, `serial` every line of `lines`, on which drives are. A fault of the hardware stays for those of its targets that the robot has
     /// with this fault (`has`: target, fault), and is left out with the last of them. Returns which targets were left
     /// out.
     #[must_use]
     pub fn suited(
         mut self,
         wheels: &[&str],
+        buses: &[&str],
         lines: &[&str],
         has: impl Fn(&str, &str) -> bool,
     ) -> (Self, BTreeSet<String>) {
@@ -180,6 +183,8 @@ impl Scenario {
             let targets = std::mem::take(&mut kind.targets).into_iter();
             let each = targets.flat_map(|target| match target.as_str() {
                 PROPULSION => wheels.iter().copied().map(Into::into).collect(),
+                // One without them has none, and that is told by this name.
+                DRIVE_BUSES if !buses.is_empty() => buses.iter().copied().map(Into::into).collect(),
                 DRIVE_LINES => lines.iter().copied().map(Into::into).collect(),
                 _ => vec![target],
             });
@@ -233,15 +238,17 @@ mod tests {
             kind(&["rope"], "engage"),
             kind(&["propulsion"], "garbled"),
             kind(&["serial"], "cut"),
+            kind(&["can.main"], "cut"),
         ];
         let scenario = Scenario { kinds, ..Scenario::default() };
         // The left wheel is on CAN, the right one on a serial line.
         let has = |name: &str, fault: &str| match name {
             "left" => fault != "garbled",
             "right" => !fault.starts_with("foreign_"),
-            _ => name == "serial.right",
+            _ => name == "serial.right" || name.starts_with("can."),
         };
-        let (suited, without) = scenario.suited(&["left", "right"], &["serial.right"], has);
+        let buses = ["can.front", "can.rear"];
+        let (suited, without) = scenario.suited(&["left", "right"], &buses, &["serial.right"], has);
         let rows: Vec<_> = suited.kinds.iter().map(|kind| (kind.fault.as_str(), kind.targets.join(","))).collect();
         let expected = [
             ("silent", "left,right"),
@@ -251,6 +258,7 @@ mod tests {
             ("engage", "rope"),
             ("garbled", "right"),
             ("cut", "serial.right"),
+            ("cut", "can.front,can.rear"),
         ];
         assert_eq!(rows, expected.map(|(fault, targets)| (fault, targets.to_owned())));
         // Of the wheels, too, one has not all of these faults.

@@ -53,7 +53,7 @@ impl Rig {
                     of: wire::RoboClaw { address: 0x80, motor: number },
                 },
             };
-            wire::Wheel { drive: wire::Drive::of_controller(number, protocol), ..wheel.clone() }
+            wire::Wheel { drive: wire::Drive::of_controller(0, number, protocol), ..wheel.clone() }
         });
         let wheels = wheels.collect();
         let mut bench = Bench::with(Limits { wheels, coasting: Some(0.15), ..limits });

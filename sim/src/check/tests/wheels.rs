@@ -129,7 +129,7 @@ fn a_robot_that_lost_its_power_at_speed_rolls_until_it_is_powered_again() {
     let limits = differential();
     let wheels = [("left", 1), ("right", 2)].map(|(name, node)| wire::Wheel {
         name: name.into(),
-        drive: wire::Drive::can_simple(node, 251),
+        drive: wire::Drive::can_simple(0, node, 251),
         stop_word: 0x0F,
         units_per_mps: 15.0,
     });
