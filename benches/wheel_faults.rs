@@ -6,8 +6,9 @@
 //! motion does not depend stops nothing: half a second after its fault the operator commands zero, and measured is the
 //! time from there until every wheel's target has decreased by a tenth.
 //!
-//! Environment: FAULTS (1000) of each robot, SEED (1), CONFIG=conf/courier: this robot alone; NUMBER=17: this fault
-//! alone, as when it was one of many; ONLY=text: kinds of fault whose name contains it.
+//! Environment: FAULTS (1000) of each robot, SEED (1), CONFIG=conf/courier: this robot alone, CONFIG=skid-steer: the
+//! porter on wheels that do not go sideways; NUMBER=17: this fault alone, as when it was one of many; ONLY=text: kinds of
+//! fault whose name contains it.
 
 #[allow(dead_code, reason = "the live campaign uses the rest")]
 #[path = "faults/figures.rs"]
@@ -21,10 +22,10 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
-use wheel_faults::{Fault, Kind, Outcome, STOP_MAX, Subject};
+use wheel_faults::{Fault, Kind, Outcome, SKID_STEER, STOP_MAX, Subject};
 
 /// Robots, one of each kinematics.
-const ROBOTS: [&str; 6] = ["advee", "courier", "tug", "porter", "tripod", "rover"];
+const ROBOTS: [&str; 7] = ["advee", "courier", "tug", "porter", "tripod", "rover", SKID_STEER];
 const FAULTS: u64 = 1000;
 
 fn main() {

@@ -6,13 +6,14 @@
 
 use base::can::{Frame, Id};
 use base::{Duration, Instant};
+use kinematics::Twist;
 use messages::{Message, lowlevel, middlelevel, simulation};
 use module::State;
 use robot::config::SIMULATOR;
 use robot::place::RobotLocation;
 use robot::topology::virtual_machine;
 use sim::check::wire::{Drive, Heartbeat};
-use sim::check::{Limits, wire};
+use sim::check::{Base, Limits, wire};
 use sim::host::{Config, News, Virtual};
 use simulator::Random;
 use std::cell::RefCell;
@@ -36,6 +37,8 @@ const ZERO: Duration = Duration::from_millis(500);
 const OBEY: Duration = Duration::from_millis(500);
 /// Part of its target to which a wheel must have slowed down to count as obeying.
 const OBEYS: f64 = 0.9;
+/// Name of the porter on four wheels that do not go sideways, which has no folder of its own.
+pub const SKID_STEER: &str = "skid-steer";
 /// How much too fast a wheel is that runs away, m/s.
 const TOO_FAST: (f64, f64) = (0.3, 0.8);
 /// Speed of a commanded motion, shared between translation and rotation, m/s.
@@ -304,11 +307,12 @@ impl Subject {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
         // As fast as it is commanded, whatever it senses; what is injected must be sensed by the drives.
         let sets = ["guard.speed_blind_mps=2.0", "limits.speed_manual_mps=0.8", "world.people=0"];
+        let skids = (name == SKID_STEER).then_some("base.kind=\"skid-steer\"");
         let place = RobotLocation {
-            config: root.join("conf").join(name),
+            config: root.join("conf").join(if skids.is_some() { "porter" } else { name }),
             run_dir: "/run/advee".into(),
             lcm_url: "udpm://239.255.76.67:7667?ttl=0".into(),
-            sets: sets.map(String::from).into(),
+            sets: sets.into_iter().chain(skids).map(String::from).collect(),
             sim: true,
             world: Some(root.join("conf/worlds/empty.toml")),
         };
@@ -326,7 +330,9 @@ impl Subject {
             let moves = guard.critical || [planner::NAME, estimator::NAME].contains(&&*guard.name);
             if moves { &mut critical } else { &mut others }.push(guard.name.clone());
         }
-        Self { name: name.into(), sideways: limits.wheels.len() > 2, arm, limits, place, critical, others }
+        let aside = |base: &Base| base.chassis.feasible(Twist::new(0.0, 1.0, 0.0)).twist.vy != 0.0;
+        let sideways = limits.base.as_ref().is_some_and(aside);
+        Self { name: name.into(), sideways, arm, limits, place, critical, others }
     }
 
     /// The fault of this number.

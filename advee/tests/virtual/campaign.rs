@@ -1,6 +1,6 @@
 //! Some faults of the campaign `benches/wheel_faults.rs`, with each shipped base.
 
-use super::wheel_faults::{Kind, Outcome, STOP_MAX, Subject};
+use super::wheel_faults::{Kind, Outcome, SKID_STEER, STOP_MAX, Subject};
 use base::Duration;
 
 /// From standstill to the greatest speed of a motion, 0.45 m/s, at 0.5 m/s².
@@ -10,14 +10,14 @@ const FAULTS: u64 = 28;
 
 #[test]
 fn every_other_wheel_is_stopped_on_the_wire_in_time_after_any_fault() {
-    for name in ["advee", "courier", "tug", "porter", "tripod", "rover"] {
+    for name in ["advee", "courier", "tug", "porter", "tripod", "rover", SKID_STEER] {
         let subject = Subject::new(name);
         let mut stopped = 0;
         for number in 0..FAULTS {
             let fault = subject.fault(1, number);
             let within = match fault.kind {
                 // Held by the three others it is judged by the torques, once it has its set-point.
-                Kind::TooFast if name == "porter" => RAMP_MAX + STOP_MAX,
+                Kind::TooFast if ["porter", SKID_STEER].contains(&name) => RAMP_MAX + STOP_MAX,
                 _ => STOP_MAX,
             };
             match subject.run(&fault) {
