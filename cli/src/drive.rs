@@ -21,8 +21,8 @@ pub struct Drive {
     /// m/s, forward
     #[arg(value_parser = finite)]
     speed: f64,
-    /// rad, to the left
-    #[arg(value_parser = finite, required_unless_present_any = ["rotation", "left"])]
+    /// rad, to the left; without it straight on
+    #[arg(value_parser = finite)]
     steering: Option<f64>,
     /// Rotation to the left, rad/s, in place of STEERING
     #[arg(long, value_name = "RADPS", value_parser = finite, conflicts_with = "steering")]
@@ -39,7 +39,7 @@ pub struct Drive {
 }
 
 const EXAMPLES: &str = "Examples:
-  advee drive 0.3 0 --for 2         2 s straight on, at 0.3 m/s
+  advee drive 0.3 --for 2           2 s straight on, at 0.3 m/s
   advee drive 0.3 0.2               to the left, until Ctrl-C
   advee drive 0.3 --rotation 0.2    to the left by 0.2 rad/s
   advee drive 0 --rotation 0.5      on the spot, if the base can

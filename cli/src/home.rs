@@ -22,7 +22,7 @@ const END: Duration = Duration::from_secs(20);
 const DRIVER: &str = "driver_canbus";
 
 pub fn home(common: &Common, command: &Home) -> Outcome {
-    let mut tool = Tool::join(common, "home", &[Channel::LlDataMotion, Channel::CmEventError])?;
+    let mut tool = Tool::join(common, "home", &[Channel::LlDataMotion, Channel::LlDataAxes, Channel::CmEventError])?;
     tool.publish(orders::home(tool.timestamp(), &command.axis))?;
     let started = clock::now();
     let (mut begun, mut reason) = (false, String::from("LL_DATA_MOTION is not heard"));
@@ -36,6 +36,10 @@ pub fn home(common: &Common, command: &Home) -> Outcome {
                     return Ok(ExitCode::SUCCESS);
                 }
                 reason = motion.reason;
+            }
+            Heard::Message(Message::LlDataAxes(list)) if list.axes.iter().all(|axis| axis.name != command.axis) => {
+                let names: Vec<&str> = list.axes.iter().map(|axis| axis.name.as_str()).collect();
+                return Err(format!("there is no axis {}; there are {}", command.axis, names.join(", ")).into());
             }
             Heard::Message(message) => {
                 let failed = error_of(&message, DRIVER).filter(|error| error.number == Code::HomingFailed as i32);

@@ -39,7 +39,8 @@ pub fn power(common: &Common, command: &Power) -> Outcome {
         {
             return feed(&mut tool);
         }
-        return Err(format!("LL_DATA_POWER is not heard on {}; is advee up?", common.lcm_url()).into());
+        let url = common.lcm_url();
+        return Err(format!("no power controller is heard on {url}: this robot has none, or is advee not up?").into());
     };
     match (&command.channel, &command.action) {
         (Some(channel), Some(action)) => order(&mut tool, channel, action),

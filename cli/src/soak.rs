@@ -228,15 +228,13 @@ impl Robot {
                 false => true,
             }
         };
-        // Of a robot like the reference one, which may have lidars and inertial units, a scenario names what there is:
-        // another name is a mistake.
-        let is_other = limits.base.is_some() || limits.tread_ratio > 1.0;
-        let is_due = |target: &str| !is_other && !target.starts_with("lidar.") && !target.starts_with("imu.");
-        let (scenario, without) = scenario.suited(&wheels, &buses, &lines, |target, fault| {
-            (has(target) || is_due(target)) && can_have(target, fault)
+        // What the shipped scenario names a robot need not have. Any other name is a mistake, which a run reports.
+        let shipped = built_in_scenario()?;
+        let is_usual = |target: &str| shipped.kinds.iter().any(|kind| kind.targets.iter().any(|own| own == target));
+        let (scenario, mut without) = scenario.suited(&wheels, &buses, &lines, |target, fault| {
+            (has(target) || !is_usual(target)) && can_have(target, fault)
         });
-        let is_absent = |target: &String| is_other && !has(target);
-        let without = without.into_iter().filter(is_absent).collect();
+        without.retain(|target| !has(target));
         let scenario = Scenario { operator: behaviour(&place, &scenario.operator)?, ..scenario };
         let config = config::Config::load(&place.config, place.sim, &place.sets)?;
         let run = config.modules.iter().filter(|module| module.name() != logger::NAME);

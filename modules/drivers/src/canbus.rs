@@ -224,8 +224,7 @@ impl Canbus {
         let lines = (first..).zip(config.lines.iter().zip(engines));
         let lines = lines.map(|(port, (own, engine))| LinePort::new(own, engine, PortId(port as u8))).collect();
         let body = Body::new(&config)?;
-        let mut steering = config.steering.as_ref().map(|own| Steering::new(own, &config)).transpose()?;
-        steering.iter_mut().for_each(|own| own.drive.bus = config.bus_of(Axis::Steering));
+        let steering = config.steering.as_ref().map(|own| Steering::new(own, &config)).transpose()?;
         let devices = Devices::new(&config.devices, &config.stop, |name| config.bus_number(name));
         let output_bus = config.bus_number(config.stop.output_bus.as_deref());
         let stop_watch = StopWatch::new(&config.stop, config.has_pause_line, feed_line, output_bus);
@@ -775,7 +774,7 @@ impl Canbus {
             return (name.into(), format!("{name} (node {id})"));
         }
         match (self.drives().find(|drive| drive.at() == node), id) {
-            (Some(drive), _) => (drive.name.into(), format!("{} drive (node {id})", drive.name)),
+            (Some(drive), _) => (drive.name.into(), drive.in_words()),
             (None, 0) => (self.bus_name(node.bus).into(), "somebody".into()),
             (None, _) => (self.node_in_words(node), self.node_in_words(node)),
         }

@@ -315,17 +315,39 @@ impl Io {
         let fields = self.fields().map(|keys| &keys.name);
         let names: Vec<&String> = signals.chain(fields).chain(gpio).chain(w1).chain(power).chain(canopen).collect();
         self.check_fields(table, &names);
+        self.check_names(table, &names);
+        let lines: Vec<_> = self.gpio.iter().map(|keys| (&keys.chip, &keys.line)).collect();
+        table.unique("gpio", "line", &lines, "one that no other entry of this chip has");
         let powered: Vec<_> = self.power.iter().map(|keys| keys.channel).collect();
         table.unique("power", "channel", &powered, "one that no other entry has");
         let channels: Vec<_> = self.w1.iter().map(|keys| (keys.rom, keys.channel)).collect();
         table.unique("w1", "channel", &channels, "one that no other entry of this id has");
         for (n, battery) in self.battery.iter().enumerate() {
-            if battery.names().any(|name| !names.contains(&name)) {
-                table
-                    .item("battery", n)
-                    .iter()
-                    .for_each(|item| item.refuse("name", "names of signals in its other keys"));
+            let Some(item) = table.item("battery", n) else { continue };
+            for (key, named) in battery.signals() {
+                if !names.contains(&named) {
+                    item.refuse(key, format_args!("the name of a signal; {named:?} is none"));
+                }
             }
+        }
+    }
+
+    /// Each signal has a name of its own. Those of serial lines are compared in [`Self::check_fields`].
+    fn check_names(&self, table: &Table<'_>, names: &[&String]) {
+        let is_taken = |name: &String| names.iter().filter(|other| **other == name).count() > 1;
+        let refuse = |table: Option<&Table<'_>>, key: &str, of: &mut dyn Iterator<Item = &String>| {
+            for (n, _) in of.enumerate().filter(|(_, name)| is_taken(name)) {
+                if let Some(item) = table.and_then(|table| table.item(key, n)) {
+                    item.refuse("name", "one that no other signal has");
+                }
+            }
+        };
+        refuse(Some(table), "gpio", &mut self.gpio.iter().map(|keys| &keys.name));
+        refuse(Some(table), "w1", &mut self.w1.iter().map(|keys| &keys.name));
+        refuse(Some(table), "power", &mut self.power.iter().map(|keys| &keys.name));
+        for bus in &self.modbus {
+            let line = table.below("modbus").and_then(|buses| buses.below(&bus.name));
+            refuse(line.as_ref(), "signals", &mut bus.driver.signals.iter().map(|signal| &signal.name));
         }
     }
 
@@ -952,6 +974,25 @@ impl Robot {
         }
     }
 
+    /// Ways to stop that are written and are none.
+    fn unused_ways(&self) -> impl Iterator<Item = String> {
+        let canbus::Stop { second_way, output, gpio, .. } = &self.stop;
+        let tables = [
+            ("output", output.is_some(), canbus::SecondWay::Canopen),
+            ("gpio", gpio.is_some(), canbus::SecondWay::Gpio),
+        ];
+        let way = second_way.name();
+        let unused = tables.into_iter().filter(|(_, is_there, of)| *is_there && second_way != of);
+        let unused: Vec<_> =
+            unused.map(|(key, ..)| format!("stop.{key} cuts nothing: stop.second_way is {way:?}")).collect();
+        let drives = self.can.iter().any(|bus| !bus.driver.nodes.is_empty()) || !self.serial.is_empty();
+        let without = drives && *second_way == canbus::SecondWay::Power && self.power.is_none();
+        let without = without.then(|| {
+            "nothing cuts the motors' feed: stop.second_way is \"power\", and there is no table [power]".to_owned()
+        });
+        unused.into_iter().chain(without)
+    }
+
     /// What is allowed, and may not be meant; for `advee config check`.
     #[must_use]
     pub fn remarks(&self) -> Vec<String> {
@@ -971,7 +1012,7 @@ impl Robot {
         let above = above.map(|(key, speed)| {
             format!("limits.{key} = {speed} is above limits.speed_mps = {most}: more than that is refused")
         });
-        hull.into_iter().chain(above).collect()
+        hull.into_iter().chain(above).chain(self.unused_ways()).collect()
     }
 
     /// A drive on a CAN bus moves an axis that the base has, and nothing else says what is driven.
@@ -1089,6 +1130,16 @@ impl Robot {
             ports.push(&line.port.port);
             if !line.line().device.proves_time_limit() && !self.stop.has_second_way(self.power.is_some()) {
                 table.refuse("driver", self.missing_way());
+            }
+        }
+        if let Some(feed) = self.stop.feed_line()
+            && let Some(io) = table.below("io")
+        {
+            let lines = self.io.iter().flat_map(|io| &io.gpio);
+            for (n, _) in lines.enumerate().filter(|(_, keys)| (&keys.chip, &keys.line) == (&feed.chip, &feed.line)) {
+                if let Some(item) = io.item("gpio", n) {
+                    item.refuse("line", "another one than that of [stop] gpio, which cuts the motors' feed");
+                }
             }
         }
         if self.stop.feed_output().is_some()

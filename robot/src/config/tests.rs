@@ -297,10 +297,18 @@ fn a_base_that_steers_has_a_kind_an_end_and_a_driven_wheel() {
     assert_eq!(load(&twice, "", &[], MODULES).unwrap_err(), [expected]);
 }
 
+const NO_SECOND_WAY: &str = "\n[stop]\nsecond_way = \"none\"\n";
+
 #[test]
 fn what_may_not_be_meant_is_remarked_and_good() {
-    let remarks = |robot: &str| load(robot, "", &[], MODULES).unwrap().robot.remarks();
+    let remarks = |robot: &str| load(&format!("{robot}{NO_SECOND_WAY}"), "", &[], MODULES).unwrap().robot.remarks();
     assert!(remarks(ROBOT).is_empty());
+    let no_power = "nothing cuts the motors' feed: stop.second_way is \"power\", and there is no table [power]";
+    assert_eq!(load(ROBOT, "", &[], MODULES).unwrap().robot.remarks(), [no_power]);
+    let gpio = "gpio = { chip = \"gpio-motors\", line = 17 }\n";
+    let unused = "stop.gpio cuts nothing: stop.second_way is \"none\"";
+    let found = load(&format!("{ROBOT}{NO_SECOND_WAY}{gpio}"), "", &[], MODULES).unwrap().robot.remarks();
+    assert_eq!(found, [unused]);
     for (key, was) in [("speed_manual_mps", "0.6"), ("speed_autonomous_mps", "0.8")] {
         let robot = ROBOT.replacen(&format!("{key} = {was}"), &format!("{key} = 1.3"), 1);
         let expected = format!("limits.{key} = 1.3 is above limits.speed_mps = 1.2: more than that is refused");
@@ -1523,11 +1531,21 @@ fn inputs_and_outputs_that_cannot_be_are_refused() {
         ("address = \"127.0.0.1:1502\"", "address = \"here\"", "address = \"here\": expected \"ADDRESS:PORT\""),
         ("port = \"modbus-line\"", "", "io.modbus.line.port: missing"),
         ("unit = 5", "unit = 5\naddress = \"127.0.0.1:1\"", "expected nothing beside port"),
-        ("voltage = \"volts\"", "voltage = \"vots\"", "names of signals"),
+        ("voltage = \"volts\"", "voltage = \"vots\"", "io.battery[0].voltage = \"vots\": expected the name"),
         ("scale = 0.01", "scale = 0", "scale = 0: expected a number other than 0"),
+        ("name = \"fan\"", "name = \"horn\"", "io.modbus.line.signals[0].name = \"horn\": expected one that no other"),
+        ("name = \"button\"", "name = \"fan\"", "io.gpio[0].name = \"fan\": expected one that no other signal has"),
+        (
+            "line = 17",
+            "line = 17\n[[io.gpio]]\nname = \"b\"\nchip = \"button\"\nline = 17",
+            "io.gpio[1].line = 17: expected",
+        ),
+        ("chip = \"button\"", "chip = \"feed\"", "io.gpio[0].line = 17: expected another one than that of [stop] gpio"),
     ] {
         assert!(IO.contains(from), "{from}");
-        let lines = load(&format!("{ROBOT}{}", IO.replacen(from, to, 1)), "", &[], MODULES).unwrap_err();
+        let feed = "\n[stop]\nsecond_way = \"gpio\"\ngpio = { chip = \"feed\", line = 17 }\n";
+        let robot = format!("{ROBOT}{feed}{}", IO.replacen(from, to, 1));
+        let lines = load(&robot, "", &[], MODULES).unwrap_err();
         assert!(lines.iter().any(|line| line.contains(what)), "{what}: {lines:?}");
     }
 }

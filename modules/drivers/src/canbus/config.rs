@@ -435,6 +435,15 @@ impl Config {
         self.further.iter().position(|bus| bus.axes.contains(&axis)).map_or(0, |place| place + 1)
     }
 
+    /// A node on the CAN bus of this number, for people: with the bus where there are several.
+    pub(super) fn place(&self, bus: usize, node: u8) -> String {
+        let name = match bus.checked_sub(1) {
+            Some(further) => self.further.get(further).map(|bus| &bus.bus),
+            None => self.bus.as_ref().filter(|_| !self.further.is_empty()),
+        };
+        name.map_or_else(|| format!("node {node}"), |name| format!("node {node} on {name}"))
+    }
+
     /// Number of the CAN bus of this name; the first one without a name, or of a name that no further bus has.
     pub(super) fn bus_number(&self, name: Option<&str>) -> usize {
         let named = |name: &str| self.further.iter().position(|bus| bus.bus == name);
@@ -560,7 +569,7 @@ impl BusConfig {
         let ids: Vec<u8> = self.nodes.iter().map(|node| node.id).collect();
         table.unique("nodes", "id", &ids, "one that no other node of the bus has");
         for n in (0..ids.len()).filter(|n| ids[*n] == self.master) {
-            let _ = table.item("nodes", n).map(|item| item.refuse("id", "one that no other node of the bus has"));
+            let _ = table.item("nodes", n).map(|item| item.refuse("id", "one that is not the master's"));
         }
         let axes: Vec<Axis> = self.nodes.iter().map(|node| node.axis).collect();
         table.unique("nodes", "axis", &axes, "one that no other node has");

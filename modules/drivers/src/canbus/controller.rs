@@ -118,9 +118,10 @@ impl Controller {
         let (engine, place, circumference) = match own.drive {
             PropulsionDrive::Controller(ControllerConfig { gear, device, circumference }) => {
                 let axis = axis_of(gear, circumference, &config.limits);
+                let place = config.place(config.bus_of(own.axis), own.node);
                 let engine = OnCan::new(&motorctl::Config::new([axis]), device);
                 let engine = engine.map_err(|error| ConfigError::Controller { axis: own.axis, error })?;
-                (Engine::Can { device, engine: Box::new(engine) }, format!("node {}", own.node), circumference)
+                (Engine::Can { device, engine: Box::new(engine) }, place, circumference)
             }
             PropulsionDrive::OnLine { line, motor } => {
                 let (Some(engine), Some(of)) = (lines.get(line), config.lines.get(line)) else {

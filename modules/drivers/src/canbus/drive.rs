@@ -243,9 +243,11 @@ base::deadlines! {
 pub(super) struct Drive {
     /// `propulsion` or `steering`.
     pub(super) name: &'static str,
-    /// Number of its CAN bus: set by what makes it.
+    /// Number of its CAN bus.
     pub(super) bus: usize,
     pub(super) node: u8,
+    /// Where it is, for people: `node 1`, of several buses `node 1 on can.main`.
+    place: String,
     pub(super) axis: Axis,
     /// What it lacks to stop by itself.
     pub(super) reservations: Vec<Refusal>,
@@ -297,6 +299,7 @@ impl Drive {
             name,
             bus: 0,
             node,
+            place: format!("node {node}"),
             axis: Axis::new(table.axis_config()),
             reservations,
             booted: false,
@@ -333,6 +336,16 @@ impl Drive {
     /// With a holding brake that this driver switches.
     pub(super) fn with_brake(self, brake: Option<Brake>) -> Self {
         Self { brake, ..self }
+    }
+
+    /// On the bus of this number; `place`: for people.
+    pub(super) fn on_bus(self, bus: usize, place: String) -> Self {
+        Self { bus, place, ..self }
+    }
+
+    /// Name and place, for people.
+    pub(super) fn in_words(&self) -> String {
+        format!("{} drive ({})", self.name, self.place)
     }
 
     /// True if no brake holds the axis, as far as this driver switches it.
@@ -375,12 +388,12 @@ impl Drive {
         match wheel {
             Wheel::Moves => {
                 let why = Trouble::Brake;
-                self.alarm(format!("{} drive (node {}) {why}: the robot stops", self.name, self.node), out);
+                self.alarm(format!("{} drive ({}) {why}: the robot stops", self.name, self.place), out);
                 self.block_until_stopped(now, why);
             }
             _ => out.say(
                 Level::Warning,
-                format!("{} drive (node {}): its brake (0x60FE:1) is not known to be set", self.name, self.node),
+                format!("{} drive ({}): its brake (0x60FE:1) is not known to be set", self.name, self.place),
             ),
         }
     }
@@ -405,7 +418,7 @@ impl Drive {
         self.alarmed = false;
         let faults = [Fault::DriveLost, Fault::DriveBootFailed, Fault::DriveMismatch];
         for fault in faults.into_iter().chain([Fault::DriveFault, Fault::DriveParameter]) {
-            out.clear(fault, self.name, format!("{} drive (node {}) is booted and configured", self.name, self.node));
+            out.clear(fault, self.name, format!("{} drive ({}) is booted and configured", self.name, self.place));
         }
     }
 
@@ -415,7 +428,7 @@ impl Drive {
             _ => Fault::DriveBootFailed,
         };
         self.why = Absence::BootFailed(step, reason);
-        let message = format!("{} drive (node {}) {}; retried each second", self.name, self.node, self.why);
+        let message = format!("{} drive ({}) {}; retried each second", self.name, self.place, self.why);
         out.raise(Severity::Error, fault, self.name, message);
     }
 
@@ -432,7 +445,7 @@ impl Drive {
         self.mode_ticket = None;
         self.why = Absence::Lost(reason);
         self.changed = true;
-        let message = format!("{} drive (node {}) {}; the robot stops", self.name, self.node, self.why);
+        let message = format!("{} drive ({}) {}; the robot stops", self.name, self.place, self.why);
         out.raise(Severity::Error, Fault::DriveLost, self.name, message);
     }
 
@@ -498,9 +511,9 @@ impl Drive {
     fn report_emergency(&self, emergency: &Emergency, more: &str, out: &mut Actions) {
         let severity = if emergency.code == 0 { Severity::Notice } else { Severity::Error };
         let message = format!(
-            "{} drive (node {}): emergency 0x{:04X} ({}), register 0x{:02X}{more}",
+            "{} drive ({}): emergency 0x{:04X} ({}), register 0x{:02X}{more}",
             self.name,
-            self.node,
+            self.place,
             emergency.code,
             emergency.class(),
             emergency.register
@@ -584,10 +597,8 @@ impl Drive {
         self.outdated = true;
         if self.unanswered >= UNANSWERED_MAX && self.booted && !self.is_not_answering() {
             self.deadlines.set(Timer::NotAnswering, now + UNANSWERED_TIMEOUT);
-            let message = format!(
-                "{} drive (node {}) sends heartbeats but does not answer; the robot stops",
-                self.name, self.node
-            );
+            let message =
+                format!("{} drive ({}) sends heartbeats but does not answer; the robot stops", self.name, self.place);
             self.alarm(message, out);
         }
     }
@@ -600,7 +611,7 @@ impl Drive {
 
     fn raise_fault(&mut self, out: &mut Actions) {
         let (fault, statusword) = (self.in_fault(), self.axis.statusword());
-        let message = format!("{} drive (node {}) is {fault}; statusword 0x{statusword:04X}", self.name, self.node);
+        let message = format!("{} drive ({}) is {fault}; statusword 0x{statusword:04X}", self.name, self.place);
         self.alarm(message, out);
     }
 
@@ -673,8 +684,8 @@ impl Drive {
     ) -> bool {
         let Some(given_up) = self.motor.on_sdo(now, ticket, result) else { return false };
         if let Some(Reading { topic, index, sub, .. }) = given_up {
-            let (name, node) = (self.name, self.node);
-            out.note(format!("{name} drive (node {node}) does not give 0x{index:04X}:{sub} ({topic}): it is unknown"));
+            let (name, place) = (self.name, &self.place);
+            out.note(format!("{name} drive ({place}) does not give 0x{index:04X}:{sub} ({topic}): it is unknown"));
         }
         true
     }

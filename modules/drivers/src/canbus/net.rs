@@ -113,7 +113,7 @@ impl Canbus {
     /// Words for a node that is not configured; without its bus on the first one.
     pub(super) fn node_in_words(&self, node: NodeAt) -> String {
         match node {
-            NodeAt { bus: 0, id } => format!("node {id}"),
+            NodeAt { id, .. } if self.nets.len() == 1 => format!("node {id}"),
             NodeAt { bus, id } => format!("node {id} on {}", self.bus_name(bus)),
         }
     }

@@ -49,7 +49,7 @@ impl Propulsion {
         let bus = config.bus_of(own.axis);
         let motor = match Servo::new(own, config)? {
             Some(mut servo) => {
-                servo.drive.bus = bus;
+                servo.drive = servo.drive.on_bus(bus, config.place(bus, own.node));
                 Motor::Canopen(Box::new(servo))
             }
             None => Motor::Controller(Box::new(Controller::new(own, config, lines)?)),

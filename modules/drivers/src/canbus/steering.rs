@@ -144,6 +144,8 @@ impl Steering {
         let period = period.filter(|_| matches!(table.mode, Mode::CyclicPosition | Mode::Interpolated));
         let glide = period.map(|period| Glide::new(period, speed, speed / RAMP_S));
         let stands_max = (!config.odometry).then_some(STANDS_MAX);
+        let bus = config.bus_of(Axis::Steering);
+        let place = config.place(bus, own.node);
         let config = own.clone();
         let homing = HomingConfig {
             method: config.homing_method,
@@ -157,7 +159,7 @@ impl Steering {
         let check = ReferenceCheck::new(homing.method, units.position(config.switch));
         let reach = Reach::new(ReachConfig { speed: config.speed, least: REACHED_RAD, stands_max });
         Ok(Self {
-            drive: Drive::new("steering", config.node, &table, reservations),
+            drive: Drive::new("steering", config.node, &table, reservations).on_bus(bus, place),
             config,
             table,
             parameters,

@@ -335,9 +335,22 @@ impl PowerKeys {
 impl BatteryKeys {
     /// The signals that it names.
     pub fn names(&self) -> impl Iterator<Item = &String> {
+        self.signals().map(|(_, name)| name)
+    }
+
+    /// The same, each with its key.
+    pub fn signals(&self) -> impl Iterator<Item = (&'static str, &String)> {
         let Self { voltage, current, charge, health, temperature, charging, .. } = self;
-        let fields = [voltage, current, charge, health, temperature, charging];
-        fields.into_iter().flatten().chain(&self.cells)
+        let fields = [
+            ("voltage", voltage),
+            ("current", current),
+            ("charge", charge),
+            ("health", health),
+            ("temperature", temperature),
+            ("charging", charging),
+        ];
+        let named = fields.into_iter().filter_map(|(key, name)| Some((key, name.as_ref()?)));
+        named.chain(self.cells.iter().map(|name| ("cells", name)))
     }
 }
 
