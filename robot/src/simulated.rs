@@ -25,7 +25,7 @@ use simulator::boards::io_node::{IoNodeConfig, ObjectConfig};
 use simulator::boards::output::OutputConfig;
 use simulator::boards::sbs1::Sbs1Config;
 use simulator::boards::sd1::Sd1Config;
-use simulator::body::{Errors, Parameters};
+use simulator::body::{Errors, Parameters, Switch};
 use simulator::imu::ImuConfig;
 use simulator::lidar::{LidarConfig, LidarModel};
 use simulator::world::World;
@@ -69,6 +69,15 @@ pub(crate) fn config(
         errors: Errors::usual(),
         brake: if robot.stop.pause == PauseStop::Brake { robot.stop.brake_mps2 } else { 0.0 },
         ..Parameters::of(&robot.geometry)
+    };
+    let nodes = robot.can.iter().flat_map(|bus| &bus.driver.nodes);
+    let parameters = match nodes.filter(|node| node.axis == canbus::Axis::Steering).find_map(|node| node.drive.homing())
+    {
+        Some(homing) => {
+            let switch = Switch { angle: homing.angle, left: homing.is_left() };
+            parameters.steered(robot.limits.steering_rad, switch)
+        }
+        None => parameters,
     };
     let serial = robot.rs485.iter().map(|bus| SerialConfig {
         bus: format!("rs485.{}", bus.name),
@@ -476,6 +485,36 @@ mod tests {
                 DriveKind::Controller { .. } => None,
             });
             assert_eq!(are.collect::<Vec<_>>(), by_sheet.map(Some));
+        }
+    }
+
+    #[test]
+    fn switch_and_stops_of_a_steering_are_those_of_its_configuration() {
+        let steered = |switch, gear, method, most| {
+            let (place, mut robot) = shipped();
+            robot.limits.steering_rad = most;
+            let Drive::Steering(keys) = &mut robot.can[0].driver.nodes[1].drive else { panic!("no IclA") };
+            (keys.switch, keys.gear, keys.homing_method) = (switch, gear, method);
+            let Parameters { steering_switch, steering_stop, .. } =
+                config(&place, World::default(), &robot, false).unwrap().parameters;
+            let degrees = |angle: f64| (angle.to_degrees() * 100.0).round() / 100.0;
+            (degrees(steering_switch.angle), steering_switch.left, degrees(steering_stop))
+        };
+        for (name, stop) in [("advee", 37.5), ("advee-lidar", 37.5), ("tug", 37.5)] {
+            let (place, _) = shipped();
+            let place = RobotLocation { config: place.config.join("..").join(name), ..place };
+            let robot = RobotConfig::load(&place.config, true, &[]).unwrap().robot;
+            let own = config(&place, World::default(), &robot, false).unwrap().parameters;
+            let usual = Parameters::default();
+            assert_eq!((own.steering_switch, own.steering_stop), (usual.steering_switch, f64::to_radians(stop)));
+        }
+        // On its side of straight ahead, whatever searches for it.
+        assert_eq!(steered(-0.45, 180.0, 27, 0.6109), (-25.78, false, 36.5));
+        assert_eq!(steered(-0.45, -180.0, 27, 0.9), (-25.78, false, 53.07));
+        assert_eq!(steered(0.7, -180.0, 27, 0.6109), (40.11, true, 41.61));
+        // At straight ahead: where the method searches.
+        for (gear, method, left) in [(180.0, 27, false), (-180.0, 27, true), (180.0, 19, true), (180.0, 37, false)] {
+            assert_eq!(steered(0.0, gear, method, 0.6109), (0.0, left, 36.5));
         }
     }
 

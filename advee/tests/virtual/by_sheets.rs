@@ -31,7 +31,11 @@ fn fault(robot: &mut Robot, target: &str, fault: &str, value: f64, duration: f64
 
 #[test]
 fn it_is_homed_and_driven_by_hand() {
-    for (name, drives) in [("hand-stated", STATED), ("hand-given", GIVEN)] {
+    let left = Drive(
+        "ros2_cia402_slave.eds",
+        "gear = -180\ncounts_per_turn = 4096\nhoming_method = 27\nswitch_rad = 0.45\nhoming_speed_radps = 0.1745",
+    );
+    for (name, drives) in [("hand-stated", STATED), ("hand-given", GIVEN), ("hand-left", [STATED[0], left])] {
         let mut robot = started(&robot(name, drives, &[]));
         assert!(robot.motion().homed, "{name}: {}", robot.motion().reason);
         for (speed, steering) in [(0.4, 0.3), (-0.3, -0.3)] {

@@ -61,7 +61,7 @@ mod wheels;
 pub use axis::Axis;
 pub use cia402::{BrakeControl, Cia402, Cia402Config, DriveMode, VelocityUnit};
 pub use config::{
-    BusConfig, Config, ConfigError, Drive, FurtherBus, HomingRelease, Node, PauseStop, PropulsionConfig,
+    BusConfig, Config, ConfigError, Drive, FurtherBus, HomingRelease, HomingSwitch, Node, PauseStop, PropulsionConfig,
     PropulsionDrive, SecondWay, SteeringConfig, SteeringDrive, SteeringKeys, Stop, StopInput, UnbrakedStop, WheelKeys,
 };
 pub use feed_output::{GpioConfig, OutputConfig};

@@ -28,6 +28,10 @@ const ENGAGED: [Hold; 9] = [
     Hold::PauseInput,
     Hold::PauseOther,
 ];
+/// Causes by which the pose is unknown.
+const ESTIMATE: [Hold; 4] = [Hold::NoEstimate, Hold::EstimateLost, Hold::EstimateSearching, Hold::EstimateBad];
+/// Causes by which the angle of the steering is unknown.
+const HOMING: [Hold; 4] = [Hold::NotHomed, Hold::Homing, Hold::HomingFailed, Hold::ToBeHomed];
 /// Maximum age of `LL_DATA_MOTION` (20 Hz) and `LL_DATA_HOLD` (5 Hz).
 const MOTION_AGE_MAX: Duration = Duration::from_millis(500);
 /// Maximum age of `LL_DATA_GUARD` (20 Hz).
@@ -281,6 +285,14 @@ impl Senses {
             Some(false) | None => {}
         }
         self.add_driver(now, source, &mut waits);
+        // Without the angle of the steering there is no odometry, and no estimate: homing comes first.
+        let estimate = waits.iter().position(|wait| ESTIMATE.contains(&wait.hold));
+        let homing = waits.iter().position(|wait| HOMING.contains(&wait.hold));
+        if let (Some(estimate), Some(homing)) = (estimate, homing)
+            && estimate < homing
+        {
+            waits[estimate..=homing].rotate_right(1);
+        }
         waits
     }
 
@@ -587,6 +599,23 @@ mod tests {
         assert_eq!(why(&senses, 1150).0, [(Hold::ModuleSilent, MOTION_MODULE.into())]);
         senses.on_motion(ms(1150), &motion("planner", 0.0));
         assert_eq!(why(&senses, 1150).0, []);
+    }
+
+    #[test]
+    fn a_steering_that_is_not_homed_is_named_before_the_estimate_that_it_costs() {
+        for hold in [Hold::ToBeHomed, Hold::HomingFailed] {
+            let mut senses = ready();
+            senses.on_estimate(ms(1050), &DataEstimate { quality: DataEstimate::LOST, ..estimate(2, 0.0) });
+            senses.on_hold(ms(1050), &holds(0, &[(Hold::DriveFault, "propulsion"), (hold, "steering")]));
+            let steering = (hold, "steering".into());
+            let (causes, text) = why(&senses, 1100);
+            let others = [(Hold::EstimateLost, String::new()), (Hold::DriveFault, "propulsion".into())];
+            assert_eq!(causes, [[steering].as_slice(), &others].concat());
+            assert_eq!(text, format!("waits: {}", hold.words("steering")));
+            // A stop is what a person ends first.
+            senses.on_stop(ms(1050), &EventStop { timestamp: 0, engaged: true, source: "button".into() });
+            assert_eq!(why(&senses, 1100).1, "waits: PAUSE is engaged by button");
+        }
     }
 
     #[test]

@@ -55,8 +55,8 @@ pub struct Parameters {
     pub brake: f64,
     /// The steering's mechanical stop on either side, rad; beyond the switch.
     pub steering_stop: f64,
-    /// Switching angle of the homing switch, rad: closed below it.
-    pub steering_switch: f64,
+    /// Homing switch of the steering.
+    pub steering_switch: Switch,
     /// Greatest rate, rad/s.
     pub steering_rate: f64,
     /// Time constant of the position loop, s.
@@ -69,6 +69,18 @@ pub struct Parameters {
     pub traction: Traction,
     /// Deviations from these, also from run to run.
     pub errors: Errors,
+}
+
+/// The steering shall turn so far beyond its greatest angle and its switch before it is at its stop, degrees.
+const STOP_BEYOND: f64 = 1.5;
+
+/// Homing switch of a steering, closed from its edge to the stop on its side.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Switch {
+    /// Its edge, rad.
+    pub angle: f64,
+    /// True if it is closed to the left of its edge, at greater angles.
+    pub left: bool,
 }
 
 /// Deviations of a robot from its drawing: bounds of those constant for a run, standard deviations of those that
@@ -113,7 +125,7 @@ impl Default for Parameters {
             drag: 2.4,
             brake: 0.0,
             steering_stop: 37.5f64.to_radians(),
-            steering_switch: -36f64.to_radians(),
+            steering_switch: Switch { angle: -36f64.to_radians(), left: false },
             steering_rate: 40f64.to_radians(),
             steering_lag: 0.10,
             steering_play: 0.5f64.to_radians(),
@@ -140,6 +152,16 @@ impl Parameters {
             traction: geometry.traction(),
             ..Self::default()
         }
+    }
+
+    /// The same with a steering that turns up to `most`, rad, and has its homing switch at `switch`, to the hundredth of
+    /// a degree nearest to it; its stops are beyond both.
+    #[must_use]
+    pub fn steered(self, most: f64, switch: Switch) -> Self {
+        let degrees = libm::round(switch.angle.to_degrees() * 100.0) / 100.0;
+        let stop = libm::fabs(degrees).max(most.to_degrees()) + STOP_BEYOND;
+        let steering_switch = Switch { angle: degrees.to_radians(), ..switch };
+        Self { steering_switch, steering_stop: stop.to_radians(), ..self }
     }
 
     /// Motor turns per metre driven, by motor turns per turn of the wheel.
@@ -336,7 +358,16 @@ impl Body {
     /// True if the homing switch is closed.
     #[must_use]
     pub fn switch_closed(&self) -> bool {
-        self.steering.0 <= self.parameters.steering_switch
+        let Switch { angle, left } = self.parameters.steering_switch;
+        if left { self.steering.0 >= angle } else { self.steering.0 <= angle }
+    }
+
+    /// The closed homing switch as limit switch of a drive with so many counts per radian: that at its negative end,
+    /// that at its positive one.
+    #[must_use]
+    pub fn limits_closed(&self, counts_per_radian: f64) -> (bool, bool) {
+        let positive = self.parameters.steering_switch.left == (counts_per_radian > 0.0);
+        (self.switch_closed() && !positive, self.switch_closed() && positive)
     }
 
     /// The encoder counts of the left and the right front wheel since the start.
@@ -727,6 +758,31 @@ mod tests {
         run(&mut body, &world, 2.0, demand);
         assert!(body.switch_closed());
         assert!((body.steering_output().to_degrees() + 37.5).abs() < 1e-9);
+    }
+
+    #[test]
+    fn switch_and_stops_of_the_steering_are_those_of_the_robot() {
+        let steered = |most, angle, left| Parameters::default().steered(most, Switch { angle, left });
+        // -36 degrees to four digits: the usual robot.
+        assert_eq!(steered(0.6109, -0.6283, false), Parameters::default());
+        for (most, angle, left, stop) in [
+            (0.6, 0.45, true, 0.6 + 1.5f64.to_radians()),
+            (0.9, -0.45, false, 0.9 + 1.5f64.to_radians()),
+            (0.6, 0.8, true, 0.8 + 1.5f64.to_radians()),
+            (0.6, 0.0, false, 0.6 + 1.5f64.to_radians()),
+        ] {
+            let mut body = Body::new(steered(most, angle, left), Pose::default());
+            let side = if left { 1.0 } else { -1.0 };
+            assert!((body.parameters().steering_stop - stop).abs() < 1e-4);
+            for (off, closed) in [(-0.01, false), (0.01, true), (2.0, true)] {
+                let demand = Demand { steering: Some(angle + side * off), ..Demand::default() };
+                run(&mut body, &World::default(), 6.0, demand);
+                assert_eq!(body.switch_closed(), closed, "{most} {angle} {off}");
+                assert_eq!(body.limits_closed(1.0), (closed && !left, closed && left));
+                assert_eq!(body.limits_closed(-1.0), (closed && left, closed && !left));
+            }
+            assert!((body.steering_output() - side * stop).abs() < 1e-4, "{}", body.steering_output());
+        }
     }
 
     #[test]

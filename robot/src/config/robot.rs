@@ -1012,7 +1012,12 @@ impl Robot {
         let above = above.map(|(key, speed)| {
             format!("limits.{key} = {speed} is above limits.speed_mps = {most}: more than that is refused")
         });
-        hull.into_iter().chain(above).chain(self.unused_ways()).collect()
+        let nodes = self.can.iter().flat_map(|bus| (0..).zip(&bus.driver.nodes).map(|(n, node)| (bus.bus(), n, node)));
+        let homing = nodes.filter(|(.., node)| node.axis == canbus::Axis::Steering).filter_map(|(bus, n, node)| {
+            let remark = node.drive.homing()?.remark()?;
+            Some(format!("{bus}.nodes[{n}].{remark}"))
+        });
+        hull.into_iter().chain(above).chain(homing).chain(self.unused_ways()).collect()
     }
 
     /// A drive on a CAN bus moves an axis that the base has, and nothing else says what is driven.

@@ -343,6 +343,41 @@ fn a_homing_method_is_one_of_the_standard_or_of_the_maker_and_of_a_steering() {
 }
 
 #[test]
+fn a_homing_method_searches_where_the_switch_is() {
+    let with = |switch: &str, method: &str, gear: &str| {
+        let to = format!("switch_rad = {switch}, homing_method = {method},");
+        let robot = ROBOT.replacen("switch_rad = 0,", &to, 1).replacen("gear = 180", &format!("gear = {gear}"), 1);
+        load(&robot, "", &[], MODULES).map(|config| config.robot.remarks())
+    };
+    for (switch, method, gear) in [
+        ("-0.6283", "27", "180"),
+        ("-0.6283", "23", "-180"),
+        ("0.6283", "23", "180"),
+        ("0.6283", "27", "-180"),
+        ("-0.6283", "17", "180"),
+        ("0.6283", "17", "-180"),
+        ("0", "27", "-180"),
+        ("0.6283", "35", "180"),
+        ("0.6283", "-3", "180"),
+    ] {
+        assert_eq!(with(switch, method, gear).unwrap(), <[String; 0]>::default(), "{switch} {method} {gear}");
+    }
+    // A limit switch of the drive could turn the search back.
+    let remark = "can.main.nodes[1].homing_method = 27 searches to the left by the sign of gear, and switch_rad = \
+                  -0.6283 is on the right, where 23 searches";
+    assert_eq!(with("-0.6283", "27", "-180").unwrap(), [remark]);
+    let remark = "can.main.nodes[1].homing_method = 27 searches to the right by the sign of gear, and switch_rad = \
+                  0.6 is on the left, where 23 searches";
+    assert_eq!(with("0.6", "27", "180").unwrap(), [remark]);
+    // Straight ahead is not beyond a limit switch.
+    for (switch, method, gear, right) in [("-0.6", "17", "-180", "18"), ("-0.6", "2", "180", "1")] {
+        let expected = format!("{right}, the limit switch on the side of switch_rad by the sign of gear");
+        let found = format!("robot.toml:25: can.main.nodes[1].homing_method = {method}: expected {expected}");
+        assert_eq!(with(switch, method, gear).unwrap_err(), [found]);
+    }
+}
+
+#[test]
 fn a_drive_by_its_sheet_has_a_mode_of_its_axis_and_a_wheel_may_have_a_brake() {
     let wheel = |more: &str| {
         let from = "driver = \"epos\", axis = \"propulsion\", gear = 26";

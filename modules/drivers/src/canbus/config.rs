@@ -13,7 +13,7 @@ use super::table::{self, BUILT_IN, DriveTable};
 use super::vesc::VescConfig;
 use crate::io::Canopen;
 use base::Duration;
-use canopen::axis::modes::method::Method;
+use canopen::axis::modes::method::{Direction, Method, Switch};
 use canopen::drives::derive::Refusal;
 use canopen::eds::Eds;
 use settings::robot::{Base, Geometry, Limits, Traction};
@@ -739,6 +739,13 @@ fn on_line(axis: &str, lines: &[LineConfig]) -> Option<PropulsionConfig> {
 impl Node {
     fn check(&self, table: &Table<'_>) {
         let steers = self.axis == Axis::Steering;
+        if let Some(other) = self.drive.homing().and_then(HomingSwitch::to_the_other_end).filter(|_| steers)
+            && other.plan().search.is_some_and(|(switch, _)| switch != Switch::Home)
+        {
+            let expected =
+                format!("{}, the limit switch on the side of switch_rad by the sign of gear", other.number());
+            table.refuse("homing_method", expected);
+        }
         match &self.drive {
             Drive::Wheel(_) | Drive::Odrive(_) | Drive::Vesc(_) if steers => {
                 table.refuse("axis", r#""propulsion" or a wheel: this driver cannot steer"#);
@@ -769,7 +776,63 @@ impl Node {
     }
 }
 
+/// The switch by which a steering is homed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HomingSwitch {
+    /// Angle at which it closes, rad.
+    pub angle: f64,
+    /// Homing method, a number of CiA 402 or one of the maker's.
+    pub method: i8,
+    /// True if counts of the drive rise to the right.
+    pub reversed: bool,
+}
+
+impl HomingSwitch {
+    /// True if the method searches for its switch to the left; absent: it searches for none.
+    fn seeks_left(self) -> Option<bool> {
+        let (_, direction) = Method::of(self.method)?.plan().search?;
+        Some((direction == Direction::Positive) != self.reversed)
+    }
+
+    /// True if it is closed to the left of its edge: it is a switch at the end on its side of straight ahead. One at
+    /// straight ahead is where the method searches for it.
+    #[must_use]
+    pub fn is_left(self) -> bool {
+        self.angle > 0.0 || self.angle == 0.0 && self.seeks_left() == Some(true)
+    }
+
+    /// The like method that searches on the side of the switch, if this one searches on the other side.
+    fn to_the_other_end(self) -> Option<Method> {
+        let away = self.angle != 0.0 && self.seeks_left()? != (self.angle > 0.0);
+        Method::of(self.method).filter(|_| away)?.mirrored()
+    }
+
+    /// What may not be meant with its method: a search that ends at the switch only after it was turned back at the
+    /// other end, by a limit switch of the drive.
+    #[must_use]
+    pub fn remark(self) -> Option<String> {
+        let Self { angle, method, .. } = self;
+        let other = self.to_the_other_end()?.number();
+        let [there, here] = if angle < 0.0 { ["left", "right"] } else { ["right", "left"] };
+        Some(format!(
+            "homing_method = {method} searches to the {there} by the sign of gear, and switch_rad = {angle} is on the \
+             {here}, where {other} searches"
+        ))
+    }
+}
+
 impl Drive {
+    /// How it is homed, if it steers.
+    #[must_use]
+    pub fn homing(&self) -> Option<HomingSwitch> {
+        let (angle, method) = match self {
+            Self::Steering(keys) => (keys.switch, keys.homing_method),
+            Self::Cia402(keys) => (keys.switch?, keys.homing_method),
+            Self::Wheel(_) | Self::Odrive(_) | Self::Vesc(_) => return None,
+        };
+        Some(HomingSwitch { angle, method, reversed: self.gear().is_some_and(|gear| gear < 0.0) })
+    }
+
     /// Motor turns per turn of what it moves; absent: its data sheet states them.
     #[must_use]
     pub fn gear(&self) -> Option<f64> {

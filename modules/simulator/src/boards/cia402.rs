@@ -367,14 +367,14 @@ impl Cia402 {
                 Sensed { position: reading.way * counts, speed: reading.speed * counts, ..Sensed::default() }
             }
             Axis::Steering => {
-                let home = body.switch_closed();
-                let limit = home && self.servo.mode() == Some(Mode::Homing);
+                let homing = self.servo.mode() == Some(Mode::Homing);
+                let (negative, positive) = body.limits_closed(counts);
                 Sensed {
                     position: reading.way * counts,
                     speed: turned * counts,
-                    negative: limit && counts > 0.0,
-                    positive: limit && counts < 0.0,
-                    home,
+                    negative: negative && homing,
+                    positive: positive && homing,
+                    home: body.switch_closed(),
                 }
             }
         }

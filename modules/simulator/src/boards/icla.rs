@@ -101,15 +101,17 @@ impl Icla {
         self.remote = operational;
     }
 
-    /// The switch at the negative end is home switch and, to homing alone, limit switch.
+    /// The one switch is home switch and, to homing alone, limit switch at the end where it is.
     fn sensed(&self, body: &Body, reading: Reading, speed: f64) -> Sensed {
-        let (per_radian, closed) = (self.gearing.counts_per_radian(), body.switch_closed());
+        let per_radian = self.gearing.counts_per_radian();
+        let homing = self.servo.mode() == Some(Mode::Homing);
+        let (negative, positive) = body.limits_closed(per_radian);
         Sensed {
             position: reading.way * per_radian,
             speed: speed * per_radian,
-            negative: closed && self.servo.mode() == Some(Mode::Homing),
-            positive: false,
-            home: closed,
+            negative: negative && homing,
+            positive: positive && homing,
+            home: body.switch_closed(),
         }
     }
 

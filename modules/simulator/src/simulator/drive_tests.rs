@@ -40,14 +40,14 @@ impl Bus {
         let drive = |name: &str, node, kind| DriveConfig { name: name.into(), node, kind };
         let propulsion = drive("propulsion", 1, DriveKind::Epos { wheel: 0, gear: GEAR });
         let steering = drive("steering", 2, DriveKind::Icla(Gearing::default()));
-        Self::of(vec![propulsion, steering], None, wire_time)
+        Self::of(vec![propulsion, steering], None, Config { wire_time, ..Config::default() })
     }
 
-    fn of(drives: Vec<DriveConfig>, output: Option<OutputConfig>, wire_time: bool) -> Self {
+    fn of(drives: Vec<DriveConfig>, output: Option<OutputConfig>, config: Config) -> Self {
         let can = CanConfig { bus: "can.main".into(), bitrate: 1_000_000, drives, output, devices: Vec::new() };
         let mut world = World::hall(200.0, 200.0);
         world.start = navitools::Pose::new(100.0, 100.0, 0.0);
-        let config = Config { can: Some(can), world, wire_time, ..Config::default() };
+        let config = Config { can: Some(can), world, ..config };
         let mut bench = Bench::new(Shell::new(ShellConfig::new("simulator"), Box::new(Simulator::new(config))));
         bench.start();
         Self { bench, truth: simulation::DataTruth::default() }

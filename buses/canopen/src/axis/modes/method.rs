@@ -83,6 +83,25 @@ impl Method {
         self.0
     }
 
+    /// The same at the other end: limits, directions and edges exchanged. Methods without a switch have none.
+    #[must_use]
+    pub const fn mirrored(self) -> Option<Self> {
+        let base = match self.0 {
+            17..=30 => self.0 - 16,
+            number => number,
+        };
+        let other = match base {
+            1 => 2,
+            2 => 1,
+            3 | 4 => base + 2,
+            5 | 6 => base - 2,
+            7..=10 => base + 4,
+            11..=14 => base - 4,
+            _ => return None,
+        };
+        Some(Self(other + self.0 - base))
+    }
+
     /// True if it ends at an index pulse of the encoder.
     #[must_use]
     pub const fn has_index(self) -> bool {

@@ -267,6 +267,30 @@ fn homing_methods_are_named() {
 }
 
 #[test]
+fn a_mirrored_homing_method_moves_in_the_other_directions() {
+    for method in (i8::MIN..=i8::MAX).filter_map(Method::of) {
+        let plan = method.plan();
+        let Some(other) = method.mirrored() else {
+            assert_eq!(plan.search, None, "{method}");
+            continue;
+        };
+        assert_eq!((other.mirrored(), other.has_index()), (Some(method), method.has_index()));
+        let switch = |switch| match switch {
+            method::Switch::NegativeLimit => method::Switch::PositiveLimit,
+            method::Switch::PositiveLimit => method::Switch::NegativeLimit,
+            method::Switch::Home => method::Switch::Home,
+        };
+        let leg = |leg: method::Leg| method::Leg { direction: leg.direction.reversed(), ..leg };
+        let mirrored = method::Plan {
+            search: plan.search.map(|(of, direction)| (switch(of), direction.reversed())),
+            legs: plan.legs.map(|own| own.map(leg)),
+            index: plan.index.map(method::Direction::reversed),
+        };
+        assert_eq!(other.plan(), mirrored, "{method}");
+    }
+}
+
+#[test]
 fn a_mode_is_switched_when_it_is_shown() {
     let (mut switch, now) = (Switch::new(MS * 100), Instant::ZERO);
     switch.start(Mode::ProfileVelocity);

@@ -3,6 +3,7 @@
 use super::*;
 use crate::boards::cia402::Cia402Config;
 use crate::boards::output::OutputConfig;
+use crate::body::{Parameters, Switch};
 use canopen::drives::derive::VelocityUnit;
 use canopen::drives::motor::{Own, Unit};
 use canopen::eds::Eds;
@@ -43,12 +44,17 @@ fn steering(sheet: &[u8], gear: f64) -> Cia402Config {
 impl Bus {
     /// The propulsion as node 1, the steering as node 2, and what feeds the motors as node 5.
     fn by_sheets(propulsion: Cia402Config, steering: Cia402Config) -> Self {
+        Self::of_body(propulsion, steering, Parameters::default())
+    }
+
+    /// The same in a robot that is not the usual one.
+    fn of_body(propulsion: Cia402Config, steering: Cia402Config, parameters: Parameters) -> Self {
         let drive = |name: &str, node, config| {
             let kind = DriveKind::Cia402(Box::new(config));
             DriveConfig { name: name.into(), node, kind }
         };
-        let mut bus =
-            Self::of(vec![drive("propulsion", 1, propulsion), drive("steering", 2, steering)], Some(FEED), false);
+        let drives = vec![drive("propulsion", 1, propulsion), drive("steering", 2, steering)];
+        let mut bus = Self::of(drives, Some(FEED), Config { parameters, ..Config::default() });
         bus.boot();
         bus
     }
@@ -308,24 +314,40 @@ fn drives_by_sheets_have_the_faults_of_the_others() {
 
 #[test]
 fn a_steering_is_homed_to_its_switch_from_whichever_side_its_gear_turns() {
-    // The switch is at -36 degrees: 73 728 counts. Methods 27 and 23 search for it downwards and upwards.
-    for (gear, method) in [(180.0, 27), (-180.0, 23)] {
-        let mut bus = Bus::by_sheets(wheel(EPOS4), steering(SLAVE, gear));
+    // At -36 degrees it has 73 728 counts. Methods 17, 21, 22, 27 and 28 search for it downwards, the others upwards.
+    let left = [(-180.0, 27), (-180.0, 17), (180.0, 23), (180.0, 18), (180.0, 20)].map(|(gear, to)| (gear, to, 30.0));
+    let right = [(180.0, 27), (180.0, 21), (180.0, 28), (-180.0, 23), (-180.0, 24)].map(|(gear, to)| (gear, to, -36.0));
+    for (gear, method, at) in left.into_iter().chain(right) {
+        let switch = Switch { angle: f64::to_radians(at), left: at > 0.0 };
+        let body = Parameters::default().steered(0.61, switch);
+        let mut bus = Bus::of_body(wheel(EPOS4), steering(SLAVE, gear), body);
         let counts = |degrees: f64| (degrees * 4096.0 * gear / 360.0).round() as i64;
-        bus.homes(method, counts(-36.0));
+        bus.homes(method, counts(at));
         assert_eq!(bus.status(2) & 0xB400, 0x9400, "homed, attained, standing");
         bus.write(2, 0x6060, 0, 8, 1);
         // 40 degrees per second.
         for (index, value) in [(0x6081, 81_920), (0x6083, 819_200), (0x6084, 819_200), (0x6085, 1_638_400)] {
             bus.write(2, index, 0, 32, value);
         }
-        bus.steers_to(counts(20.0), 1000);
-        let degrees = bus.truth.steering.to_degrees();
-        assert!((0.0..10.0).contains(&degrees), "56 degrees at 40 per second: {degrees}");
+        let to = -20.0 * at.signum();
+        bus.steers_to(counts(to), 1000);
+        let way = (bus.truth.steering.to_degrees() - at).abs();
+        assert!((34.0..46.0).contains(&way), "50 or 56 degrees at 40 per second: {way}, {gear} {method}");
         bus.pass(1500);
         let degrees = bus.truth.steering.to_degrees();
-        assert!((degrees - 19.75).abs() < 0.1, "{degrees}");
-        assert_eq!(i64::from(bus.position()), counts(20.0));
+        assert!((degrees + 19.75 * at.signum()).abs() < 0.1, "{degrees}, {gear} {method}");
+        assert_eq!(i64::from(bus.position()), counts(to));
+    }
+}
+
+#[test]
+fn a_search_away_from_the_switch_ends_at_the_stop_as_an_error() {
+    for (gear, method) in [(180.0, 23), (-180.0, 27)] {
+        let mut bus = Bus::by_sheets(wheel(EPOS4), steering(SLAVE, gear));
+        bus.write(2, 0x6065, 0, 32, 2000);
+        bus.homes(method, 0);
+        assert_eq!(bus.status(2) & 0xB400, 0x2400, "error, standing, not homed: {gear} {method}");
+        assert!((bus.truth.steering.to_degrees() - 37.25).abs() < 0.1, "{}", bus.truth.steering.to_degrees());
     }
 }
 
