@@ -69,7 +69,7 @@ fn check(common: &Common, dir: &Path) -> Result<(), Failed> {
         (config, notices) = Config::load_with_notices(dir, *sim, &common.sets)?;
         remarks = config.robot.remarks();
         let place = RobotLocation { config: dir.into(), ..common.place(*sim) };
-        preflight::check(&place, &config, &World::default())?;
+        preflight::check_live(&place, &config, &World::default())?;
         sheets = preflight::remarks(&place, &config);
     }
     let file = dir.join("robot.toml");

@@ -343,7 +343,12 @@ fn refused<T>(why: String) -> Result<T, ConfigError> {
 }
 
 /// Where a port of a bus is; the simulator has the other end of it.
-fn place_of(place: &RobotLocation, robot: &Robot, bus: &str, simulated_side: bool) -> Result<PortConfig, ConfigError> {
+pub(crate) fn place_of(
+    place: &RobotLocation,
+    robot: &Robot,
+    bus: &str,
+    simulated_side: bool,
+) -> Result<PortConfig, ConfigError> {
     let (run_dir, missing) = (&*place.run_dir, || refused(format!("bus {bus}: robot.toml has no table [{bus}]")));
     let port =
         match (bus.split_once('.').unwrap_or((bus, "")), simulated_side) {
