@@ -43,6 +43,10 @@ fn made(place: &RobotLocation, config: &Config, world: &World) -> Result<Vec<She
             Err(ConfigError(refused)) => lines.extend(refused),
         }
     }
+    if place.sim && lines.is_empty() {
+        let slow = topology::slow_motors(place, config).into_iter().filter(|motor| motor.is_simulated);
+        lines.extend(slow.map(|motor| motor.remark + "; the simulated drive is set so"));
+    }
     lines.dedup();
     if lines.is_empty() { Ok(shells) } else { Err(ConfigError(lines)) }
 }
@@ -51,7 +55,7 @@ fn made(place: &RobotLocation, config: &Config, world: &World) -> Result<Vec<She
 /// [`check`] refuses: nothing.
 #[must_use]
 pub fn remarks(place: &RobotLocation, config: &Config) -> Vec<String> {
-    topology::remarks_on_sheets(place, config)
+    topology::slow_motors(place, config).into_iter().map(|motor| motor.remark).collect()
 }
 
 /// The targets of `SIM_CMD_FAULT` of the simulated robot, each with the faults that it can have.
@@ -286,6 +290,18 @@ mod tests {
                 sheet.display()
             )
         };
-        assert_eq!(remarks(&["limits.speed_mps=2"], shipped), ["left", "right"].map(expected));
+        assert_eq!(remarks(&["limits.speed_mps=2"], shipped.clone()), ["left", "right"].map(expected));
+        // The simulated drives are made of that sheet.
+        let refused = |more: &[String]| {
+            let sets = [&["limits.speed_mps=2".to_owned()], more].concat();
+            let place = RobotLocation { sets: sets.clone(), ..place(shipped.clone(), true) };
+            let config = Config::load(&place.config, true, &sets).expect("a configuration");
+            check(&place, &config, &World::default()).err().map_or_else(Vec::new, |ConfigError(lines)| lines)
+        };
+        let set_so = |axis| expected(axis) + "; the simulated drive is set so";
+        assert_eq!(refused(&[]), ["left", "right"].map(set_so));
+        let written = ["0.gear=20", "0.motor_rpm_max=5000", "1.gear=-20", "1.motor_rpm_max=5000"];
+        let written = written.map(|key| format!("can.main.nodes.{key}"));
+        assert_eq!(refused(&written), [""; 0]);
     }
 }

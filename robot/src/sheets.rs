@@ -117,17 +117,28 @@ pub(crate) fn check_inputs(place: &RobotLocation, bus: &CanBus, stop: &canbus::S
     Ok(())
 }
 
-/// Drives that, as their sheets state them, permit less of their motors than the limits of the robot demand: each is
-/// refused at its boot-up, unless it is set otherwise.
-pub(crate) fn slow_motors(place: &RobotLocation, bus: &CanBus, driver: &Canbus) -> Vec<String> {
+/// A drive that, as its sheet states it, permits less of its motor than the limits of the robot demand: it is refused
+/// at its boot-up, unless it is set otherwise.
+pub(crate) struct SlowMotor {
+    /// What is allowed, and may not be meant; with file and line.
+    pub remark: String,
+    /// The drive that is simulated by the sheet is set so.
+    pub is_simulated: bool,
+}
+
+/// Those of a bus.
+pub(crate) fn slow_motors(place: &RobotLocation, bus: &CanBus, driver: &Canbus) -> Vec<SlowMotor> {
     let slow = |node: &canbus::Node| {
-        let (path, object) = (node.eds.as_ref()?, node.sheet.as_ref()?.object(MOTOR_SPEED, 0)?);
+        let (path, sheet) = (node.eds.as_ref()?, node.sheet.as_ref()?);
+        let object = sheet.object(MOTOR_SPEED, 0)?;
         // Ids are those of a bus: the axis is unique.
         let setup = driver.nodes().find(|setup| setup.name == node.axis.name())?;
         let needed = setup.identity.iter().find(|expect| (expect.index, expect.sub) == (MOTOR_SPEED, 0))?.min;
+        let needed = i64::from(needed);
         let stated = object.parameter.as_ref().or(object.default.as_ref())?.number(object.data_type, node.id);
         let advice = if object.access.writes() { "; motor_rpm_max writes it" } else { "" };
-        (stated < i64::from(needed)).then(|| {
+        let is_simulated = sheet.dictionary(node.id).get(MOTOR_SPEED, 0).is_some_and(|value| value < needed);
+        let remark = || {
             format!(
                 "{}:{}: 0x6080:0 (greatest motor speed) is {stated} rpm by the sheet, and the limits demand {needed} \
                  rpm of the {} drive: one that is set so is refused at its boot-up{advice}",
@@ -135,7 +146,8 @@ pub(crate) fn slow_motors(place: &RobotLocation, bus: &CanBus, driver: &Canbus) 
                 object.line,
                 node.axis.name()
             )
-        })
+        };
+        (stated < needed).then(|| SlowMotor { remark: remark(), is_simulated })
     };
     bus.driver.nodes.iter().filter_map(slow).collect()
 }

@@ -675,8 +675,8 @@ pub(crate) fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> R
     Ok(driver)
 }
 
-/// What is allowed of the drives' data sheets, and may not be meant; with file and line.
-pub(crate) fn remarks_on_sheets(place: &RobotLocation, config: &Config) -> Vec<String> {
+/// Drives that permit less of their motors than the limits demand. Of a configuration that is refused: none.
+pub(crate) fn slow_motors(place: &RobotLocation, config: &Config) -> Vec<sheets::SlowMotor> {
     let mut buses = config.robot.can.clone();
     let read = buses.iter_mut().try_for_each(|bus| sheets::read(place, bus));
     let Some(driver) = read.and_then(|()| canbus(place, config, false)).ok() else { return Vec::new() };
