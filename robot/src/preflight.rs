@@ -5,6 +5,7 @@ use crate::config::{Config, ConfigError, SIMULATOR};
 use crate::place::RobotLocation;
 use crate::topology::{self, HostOptions, shell_in};
 use crate::{ports, simulated};
+use drivers::canbus;
 use module::{Shell, State};
 use simulator::Simulator;
 use simulator::world::World;
@@ -51,11 +52,20 @@ fn made(place: &RobotLocation, config: &Config, world: &World) -> Result<Vec<She
     if lines.is_empty() { Ok(shells) } else { Err(ConfigError(lines)) }
 }
 
-/// What is allowed, and may not be meant, in the data sheets of the drives; with file and line. Of a configuration that
-/// [`check`] refuses: nothing.
+/// What is allowed, and may not be meant: in the data sheets of the drives, with file and line, and in the list of
+/// modules. Of a configuration that [`check`] refuses: nothing of the sheets.
 #[must_use]
 pub fn remarks(place: &RobotLocation, config: &Config) -> Vec<String> {
-    topology::slow_motors(place, config).into_iter().map(|motor| motor.remark).collect()
+    let robot = &config.robot;
+    let has_drives = !robot.serial.is_empty() || robot.can.iter().any(|bus| !bus.driver.nodes.is_empty());
+    // Of several computers each has modules of its own.
+    let is_moved = !robot.bridge.is_empty() || config.modules.iter().any(|module| module.name() == canbus::NAME);
+    let unmoved = (has_drives && !is_moved).then(|| {
+        let file = place.config.join("modules.toml");
+        format!("{}: no module {}, which moves the drives of robot.toml", file.display(), canbus::NAME)
+    });
+    let slow = topology::slow_motors(place, config).into_iter().map(|motor| motor.remark);
+    slow.chain(unmoved).collect()
 }
 
 /// The targets of `SIM_CMD_FAULT` of the simulated robot, each with the faults that it can have.
@@ -303,5 +313,20 @@ mod tests {
         let written = ["0.gear=20", "0.motor_rpm_max=5000", "1.gear=-20", "1.motor_rpm_max=5000"];
         let written = written.map(|key| format!("can.main.nodes.{key}"));
         assert_eq!(refused(&written), [""; 0]);
+    }
+
+    #[test]
+    fn a_robot_with_drives_and_without_their_driver_is_remarked() {
+        let without = |sets: &[&str]| {
+            let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
+            let place = RobotLocation { sets: sets.clone(), ..place(shipped(), false) };
+            let mut config = Config::load(&place.config, false, &sets).unwrap();
+            config.leave_out(canbus::NAME);
+            (remarks(&place, &config), place.config.join("modules.toml"))
+        };
+        let (found, file) = without(&[]);
+        let expected = format!("{}: no module driver_canbus, which moves the drives of robot.toml", file.display());
+        assert_eq!(found, [expected]);
+        assert_eq!(without(&["can.main.nodes=[]"]).0, [""; 0]);
     }
 }
