@@ -28,6 +28,9 @@ pub enum Command {
 pub struct Check {
     /// Configuration folder [default: that of --config]
     dir: Option<PathBuf>,
+    /// The world of the simulated robot, as that of advee up: a file, or a name in the folder worlds [default: hall]
+    #[arg(long, value_name = "FILE")]
+    world: Option<PathBuf>,
 }
 
 #[derive(Args)]
@@ -49,7 +52,7 @@ pub struct Migrate {
 pub fn config(common: &Common, command: &Command) -> Outcome {
     let dir = |dir: &Option<PathBuf>| dir.clone().unwrap_or_else(|| common.config_dir());
     match command {
-        Command::Check(command) => check(common, &dir(&command.dir)),
+        Command::Check(command) => check(common, &dir(&command.dir), command.world.as_deref()),
         Command::Keys(Keys { markdown: true }) => print(page().trim_end()),
         Command::Keys(_) => print(list().trim_end()),
         Command::Migrate(command) => migrate(&dir(&command.dir), command.write),
@@ -57,7 +60,7 @@ pub fn config(common: &Common, command: &Command) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-fn check(common: &Common, dir: &Path) -> Result<(), Failed> {
+fn check(common: &Common, dir: &Path, world: Option<&Path>) -> Result<(), Failed> {
     let simulated = dir.join("sim.toml").exists();
     let sides: &[bool] = if simulated { &[false, true] } else { &[false] };
     // Those of the simulated robot, which comes last, have those of the robot among them.
@@ -68,8 +71,9 @@ fn check(common: &Common, dir: &Path) -> Result<(), Failed> {
         let config;
         (config, notices) = Config::load_with_notices(dir, *sim, &common.sets)?;
         remarks = config.robot.remarks();
-        let place = RobotLocation { config: dir.into(), ..common.place(*sim) };
-        preflight::check(&place, &config, &World::default())?;
+        let place = RobotLocation { config: dir.into(), world: world.map(Into::into), ..common.place(*sim) };
+        let world = if *sim { config::world(dir, world, &common.sets)? } else { World::default() };
+        preflight::check_live(&place, &config, &world)?;
         sheets = preflight::remarks(&place, &config);
     }
     let file = dir.join("robot.toml");

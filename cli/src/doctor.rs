@@ -58,7 +58,7 @@ pub fn doctor(common: &Common, command: &Doctor) -> Outcome {
     let loaded = common.load(command.sim).and_then(|config| {
         let place = common.place(command.sim);
         let world = if place.sim { config::world(&place.config, None, &place.sets)? } else { World::default() };
-        preflight::check(&place, &config, &world)?;
+        preflight::check_live(&place, &config, &world)?;
         Ok(config)
     });
     let wanted = loaded

@@ -72,7 +72,11 @@ pub fn up(common: &Common, command: &Up) -> Outcome {
         true => config::world(&common.config_dir(), command.world.as_deref(), &common.sets)?,
         false => World::default(),
     };
-    preflight::check(&common.place(command.sim), &config, &world)?;
+    let place = common.place(command.sim);
+    match command.speed {
+        Some(_) => preflight::check(&place, &config, &world)?,
+        None => preflight::check_live(&place, &config, &world)?,
+    }
     host::keepers::Place::all()?;
     if let Some(at) = command.http.filter(|_| config.modules.iter().all(|module| module.name() != ::web::NAME)) {
         return Err(format!("--http {at}: modules.toml has no module {}", ::web::NAME).into());

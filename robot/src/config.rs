@@ -132,6 +132,26 @@ impl Config {
         Self::check(robot, &modules, tables, sim)
     }
 
+    /// `robot.toml` as [`Config::load`] reads it, with what is laid over it, and where each value is from.
+    ///
+    /// # Errors
+    /// A line for each thing that is wrong.
+    pub(crate) fn tree(dir: &Path, sim: bool, sets: &[String]) -> Result<Node, ConfigError> {
+        let of_robot = moves::<Robot>();
+        let found = &mut Vec::new();
+        let mut robot = read(&dir.join("robot.toml"))?;
+        of_robot.rename(&mut robot, found)?;
+        if sim {
+            let mut over = read(&dir.join("sim.toml"))?;
+            of_robot.rename(&mut over, found)?;
+            robot.merge(over);
+        }
+        for set in sets.iter().filter(|set| !world::is_of_world(set) && !set.trim_start().starts_with("modules.")) {
+            of_robot.set(&mut robot, set, found)?;
+        }
+        Ok(robot)
+    }
+
     /// Configured lowest levels of a module's texts and reports that are printed, and that are published.
     #[must_use]
     pub fn levels(&self, name: &str) -> (Option<Level>, Option<Level>) {

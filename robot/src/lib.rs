@@ -37,6 +37,7 @@ pub mod map_file;
 mod node;
 pub mod picture;
 pub mod place;
+mod ports;
 pub mod preflight;
 pub mod recording;
 pub mod scene;

@@ -1,35 +1,71 @@
 //! What can be known of a robot before anything of it starts: whether each module accepts its part of the
 //! configuration, and what can be broken in the simulated one.
 
-use crate::config::{Config, ConfigError};
+use crate::config::{Config, ConfigError, SIMULATOR};
 use crate::place::RobotLocation;
-use crate::simulated;
 use crate::topology::{self, HostOptions, shell_in};
-use module::State;
+use crate::{ports, simulated};
+use drivers::canbus;
+use module::{Shell, State};
 use simulator::Simulator;
 use simulator::world::World;
 
 /// Makes every module of a configuration, as its process would, and drops it: a module that refuses its part of the
 /// configuration would otherwise end at each start. Modules of other executables are not looked at. `world`: that of
-/// the simulated robot.
+/// the simulated robot. In virtual time that is all: its ports are nowhere.
 ///
 /// # Errors
 /// A line for each thing that a module refuses.
 pub fn check(place: &RobotLocation, config: &Config, world: &World) -> Result<(), ConfigError> {
-    let options = HostOptions { guarded: true, ..HostOptions::LIVE };
-    let own = config.modules.iter().filter(|module| module.command.is_none());
-    let refused = own
-        .filter_map(|module| shell_in(place, config, module.name(), State::Run, options, || Ok(world.clone())).err());
-    let mut lines: Vec<String> = refused.flat_map(|ConfigError(lines)| lines).collect();
-    lines.dedup();
-    if lines.is_empty() { Ok(()) } else { Err(ConfigError(lines)) }
+    made(place, config, world).map(drop)
 }
 
-/// What is allowed, and may not be meant, in the data sheets of the drives; with file and line. Of a configuration that
-/// [`check`] refuses: nothing.
+/// The same for a robot of processes, whose ports are somewhere: each is one that its module can open, as far as the
+/// text tells. Without the simulator a name in the run folder is no port; the simulator has no devices.
+///
+/// # Errors
+/// A line for each thing that a module refuses, or for each key that names no such port.
+pub fn check_live(place: &RobotLocation, config: &Config, world: &World) -> Result<(), ConfigError> {
+    let shells = made(place, config, world)?;
+    let ports = |shell: &Shell| {
+        let simulated = shell.name() == SIMULATOR;
+        shell.module().ports().iter().map(|port| (port.bus.clone(), simulated)).collect::<Vec<_>>()
+    };
+    ports::check(place, config, &shells.iter().flat_map(ports).collect::<Vec<_>>())
+}
+
+fn made(place: &RobotLocation, config: &Config, world: &World) -> Result<Vec<Shell>, ConfigError> {
+    let options = HostOptions { guarded: true, ..HostOptions::LIVE };
+    let own = config.modules.iter().filter(|module| module.command.is_none());
+    let (mut shells, mut lines) = (Vec::new(), Vec::new());
+    for module in own {
+        match shell_in(place, config, module.name(), State::Run, options, || Ok(world.clone())) {
+            Ok(shell) => shells.push(shell),
+            Err(ConfigError(refused)) => lines.extend(refused),
+        }
+    }
+    if place.sim && lines.is_empty() {
+        let slow = topology::slow_motors(place, config).into_iter().filter(|motor| motor.is_simulated);
+        lines.extend(slow.map(|motor| motor.remark + "; the simulated drive is set so"));
+    }
+    lines.dedup();
+    if lines.is_empty() { Ok(shells) } else { Err(ConfigError(lines)) }
+}
+
+/// What is allowed, and may not be meant: in the data sheets of the drives, with file and line, and in the list of
+/// modules. Of a configuration that [`check`] refuses: nothing of the sheets.
 #[must_use]
 pub fn remarks(place: &RobotLocation, config: &Config) -> Vec<String> {
-    topology::remarks_on_sheets(place, config)
+    let robot = &config.robot;
+    let has_drives = !robot.serial.is_empty() || robot.can.iter().any(|bus| !bus.driver.nodes.is_empty());
+    // Of several computers each has modules of its own.
+    let is_moved = !robot.bridge.is_empty() || config.modules.iter().any(|module| module.name() == canbus::NAME);
+    let unmoved = (has_drives && !is_moved).then(|| {
+        let file = place.config.join("modules.toml");
+        format!("{}: no module {}, which moves the drives of robot.toml", file.display(), canbus::NAME)
+    });
+    let slow = topology::slow_motors(place, config).into_iter().map(|motor| motor.remark);
+    slow.chain(unmoved).collect()
 }
 
 /// The targets of `SIM_CMD_FAULT` of the simulated robot, each with the faults that it can have.
@@ -137,6 +173,105 @@ mod tests {
         std::fs::remove_dir_all(folder).unwrap();
     }
 
+    /// What is refused of the ports of the shipped folder with these tables more at the end of `robot.toml`, each named
+    /// by the text from its key on, with its line.
+    fn ports_refused(name: &str, sim: bool, tables: &str, sets: &[&str]) -> Vec<String> {
+        let (folder, config) = copy(name, |text| format!("{text}\n{tables}"));
+        let sets = sets.iter().map(|set| (*set).to_owned()).collect();
+        let place = RobotLocation { sets, ..place(config.clone(), sim) };
+        let config = Config::load(&place.config, sim, &place.sets).expect("its files are right by themselves");
+        let found = check_live(&place, &config, &World::default()).err();
+        std::fs::remove_dir_all(folder).unwrap();
+        let lines = found.map_or_else(Vec::new, |ConfigError(lines)| lines);
+        let short = |line: String| line.replace(&format!("{}/", place.config.display()), "");
+        lines.into_iter().map(short).collect()
+    }
+
+    #[test]
+    fn every_shipped_robot_and_its_simulator_can_open_their_ports() {
+        for folder in ["advee", "advee-lidar", "courier", "porter", "rover", "tripod", "tug"] {
+            for sim in [false, true] {
+                let place = place(shipped().join("..").join(folder), sim);
+                let config = Config::load(&place.config, sim, &[]).unwrap();
+                let checked = check_live(&place, &config, &World::default()).map_err(|error| error.to_string());
+                assert_eq!(checked, Ok(()), "{folder}");
+            }
+        }
+    }
+
+    const INPUTS_AND_OUTPUTS: &str = "[[io.gpio]]\nname = \"a\"\nchip = \"CHIP\"\nline = 1\n\n[io.modbus.m]\nPORT\n\
+         signals = [ { name = \"b\", table = \"coil\", address = 0 } ]\n\n\
+         [io.serial.s]\nPORT\nrequests = [ { name = \"r\", request = \"01\", answer_length = 2, signals = [\n\
+         { name = \"c\", at = 1, format = \"u8\" } ] } ]\n";
+
+    #[test]
+    fn a_simulator_without_its_end_of_a_port_is_refused_with_the_line_of_the_key() {
+        let tables = INPUTS_AND_OUTPUTS.replace("CHIP", "/dev/gpiochip0").replace("PORT", "port = \"/dev/ttyLAB9\"");
+        let sets = ["stop.second_way=gpio", "stop.gpio.chip=/dev/gpiochip1", "stop.gpio.line=17"];
+        let found = ports_refused("sim-ports", true, &tables, &sets);
+        let lines = std::fs::read_to_string(shipped().join("robot.toml")).unwrap().lines().count();
+        let end = "a name in the run folder, as \"line\", where the simulator has the other end";
+        for expected in [
+            format!(
+                "robot.toml:{}: io.gpio[0].chip = \"/dev/gpiochip0\": expected {end}: sim.toml has the whole list \
+                 [[io.gpio]] once more",
+                lines + 4
+            ),
+            format!(
+                "robot.toml:{}: io.modbus.m.port = \"/dev/ttyLAB9\": expected {end}; or simulated_at beside it \
+                 (sim.toml)",
+                lines + 8
+            ),
+            format!(
+                "robot.toml:{}: io.serial.s.port = \"/dev/ttyLAB9\": expected {end}; or simulated_at beside it \
+                 (sim.toml)",
+                lines + 12
+            ),
+            format!("--set: stop.gpio.chip = \"/dev/gpiochip1\": expected {end} (sim.toml)"),
+        ] {
+            assert!(found.contains(&expected), "{expected}\n{found:#?}");
+        }
+        assert_eq!(found.len(), 4, "{found:#?}");
+        let sets = [
+            "can.main.interface=slcan:/dev/ttyACM0",
+            "rs485.a.port=/dev/ttyS1",
+            "i2c.aux.bus=/dev/i2c-1",
+            "w1.folder=/sys/bus/w1/devices",
+        ];
+        let found = ports_refused("sim-devices", true, "", &sets);
+        let keys: Vec<&str> = found.iter().filter_map(|line| line.split(' ').nth(1)).collect();
+        assert_eq!(keys.len(), 4, "{found:#?}");
+        assert!(sets.iter().all(|set| keys.contains(&set.split_once('=').unwrap().0)), "{found:#?}");
+        let far = INPUTS_AND_OUTPUTS.replace("CHIP", "a").replace("PORT", "address = \"192.168.0.5:502\"");
+        let found = ports_refused("sim-far", true, &far, &[]);
+        assert_eq!(found.len(), 2, "{found:#?}");
+        let expected = "io.modbus.m.address = \"192.168.0.5:502\": expected an address of this computer, as ";
+        assert!(found[0].contains(expected), "{found:#?}");
+        let near = INPUTS_AND_OUTPUTS.replace("CHIP", "a").replace("PORT", "port = \"line\"");
+        assert_eq!(ports_refused("sim-near", true, &near, &[]), [""; 0]);
+    }
+
+    #[test]
+    fn a_robot_whose_port_is_the_simulator_s_is_refused_with_the_line_of_the_key() {
+        let tables = INPUTS_AND_OUTPUTS.replace("CHIP", "gpiochip0").replace("PORT", "port = \"ttyUSB0\"");
+        let sets = ["rs485.a.port=tt8s0", "i2c.aux.bus=unix:i2c-1", "w1.folder=devices"];
+        let found = ports_refused("real-ports", false, &tables, &sets);
+        let lines = std::fs::read_to_string(shipped().join("robot.toml")).unwrap().lines().count();
+        let expected = format!(
+            "robot.toml:{}: io.gpio[0].chip = \"gpiochip0\": expected a device file, which begins with /, as \
+             \"/dev/gpiochip0\": a name in the run folder is the simulator's",
+            lines + 4
+        );
+        assert!(found.contains(&expected), "{expected}\n{found:#?}");
+        let keys: Vec<&str> = found.iter().filter_map(|line| line.split(' ').nth(1)).collect();
+        for key in
+            ["io.gpio[0].chip", "io.modbus.m.port", "io.serial.s.port", "rs485.a.port", "i2c.aux.bus", "w1.folder"]
+        {
+            assert!(keys.contains(&key), "{key}: {found:#?}");
+        }
+        assert_eq!(found.len(), 6, "{found:#?}");
+    }
+
     #[test]
     fn faults_are_those_of_the_configured_boards() {
         let faults = faults(&place(shipped(), true)).unwrap();
@@ -165,6 +300,33 @@ mod tests {
                 sheet.display()
             )
         };
-        assert_eq!(remarks(&["limits.speed_mps=2"], shipped), ["left", "right"].map(expected));
+        assert_eq!(remarks(&["limits.speed_mps=2"], shipped.clone()), ["left", "right"].map(expected));
+        // The simulated drives are made of that sheet.
+        let refused = |more: &[String]| {
+            let sets = [&["limits.speed_mps=2".to_owned()], more].concat();
+            let place = RobotLocation { sets: sets.clone(), ..place(shipped.clone(), true) };
+            let config = Config::load(&place.config, true, &sets).expect("a configuration");
+            check(&place, &config, &World::default()).err().map_or_else(Vec::new, |ConfigError(lines)| lines)
+        };
+        let set_so = |axis| expected(axis) + "; the simulated drive is set so";
+        assert_eq!(refused(&[]), ["left", "right"].map(set_so));
+        let written = ["0.gear=20", "0.motor_rpm_max=5000", "1.gear=-20", "1.motor_rpm_max=5000"];
+        let written = written.map(|key| format!("can.main.nodes.{key}"));
+        assert_eq!(refused(&written), [""; 0]);
+    }
+
+    #[test]
+    fn a_robot_with_drives_and_without_their_driver_is_remarked() {
+        let without = |sets: &[&str]| {
+            let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
+            let place = RobotLocation { sets: sets.clone(), ..place(shipped(), false) };
+            let mut config = Config::load(&place.config, false, &sets).unwrap();
+            config.leave_out(canbus::NAME);
+            (remarks(&place, &config), place.config.join("modules.toml"))
+        };
+        let (found, file) = without(&[]);
+        let expected = format!("{}: no module driver_canbus, which moves the drives of robot.toml", file.display());
+        assert_eq!(found, [expected]);
+        assert_eq!(without(&["can.main.nodes=[]"]).0, [""; 0]);
     }
 }

@@ -2,7 +2,9 @@
 
 use crate::config::{self, CanBus, ConfigError};
 use crate::place::RobotLocation;
+use canopen::NodeConfig;
 use canopen::eds::{self, Eds};
+use canopen::master::Expect;
 use drivers::canbus::{self, Canbus};
 use settings::Value;
 use std::fs::File;
@@ -115,17 +117,28 @@ pub(crate) fn check_inputs(place: &RobotLocation, bus: &CanBus, stop: &canbus::S
     Ok(())
 }
 
-/// Drives that, as their sheets state them, permit less of their motors than the limits of the robot demand: each is
-/// refused at its boot-up, unless it is set otherwise.
-pub(crate) fn slow_motors(place: &RobotLocation, bus: &CanBus, driver: &Canbus) -> Vec<String> {
+/// A drive that, as its sheet states it, permits less of its motor than the limits of the robot demand: it is refused
+/// at its boot-up, unless it is set otherwise.
+pub(crate) struct SlowMotor {
+    /// What is allowed, and may not be meant; with file and line.
+    pub remark: String,
+    /// The drive that is simulated by the sheet is set so.
+    pub is_simulated: bool,
+}
+
+/// Those of a bus.
+pub(crate) fn slow_motors(place: &RobotLocation, bus: &CanBus, driver: &Canbus) -> Vec<SlowMotor> {
     let slow = |node: &canbus::Node| {
-        let (path, object) = (node.eds.as_ref()?, node.sheet.as_ref()?.object(MOTOR_SPEED, 0)?);
+        let (path, sheet) = (node.eds.as_ref()?, node.sheet.as_ref()?);
+        let object = sheet.object(MOTOR_SPEED, 0)?;
         // Ids are those of a bus: the axis is unique.
         let setup = driver.nodes().find(|setup| setup.name == node.axis.name())?;
         let needed = setup.identity.iter().find(|expect| (expect.index, expect.sub) == (MOTOR_SPEED, 0))?.min;
+        let needed = i64::from(needed);
         let stated = object.parameter.as_ref().or(object.default.as_ref())?.number(object.data_type, node.id);
         let advice = if object.access.writes() { "; motor_rpm_max writes it" } else { "" };
-        (stated < i64::from(needed)).then(|| {
+        let is_simulated = sheet.dictionary(node.id).get(MOTOR_SPEED, 0).is_some_and(|value| value < needed);
+        let remark = || {
             format!(
                 "{}:{}: 0x6080:0 (greatest motor speed) is {stated} rpm by the sheet, and the limits demand {needed} \
                  rpm of the {} drive: one that is set so is refused at its boot-up{advice}",
@@ -133,21 +146,87 @@ pub(crate) fn slow_motors(place: &RobotLocation, bus: &CanBus, driver: &Canbus) 
                 object.line,
                 node.axis.name()
             )
-        })
+        };
+        (stated < needed).then(|| SlowMotor { remark: remark(), is_simulated })
     };
     bus.driver.nodes.iter().filter_map(slow).collect()
 }
 
-/// A data sheet that the configuration names must be one of a device that the driver can set up.
+/// A data sheet that the configuration names must be one of a device that the driver can set up, and that it accepts.
 pub(crate) fn check(place: &RobotLocation, bus: &CanBus, driver: &Canbus) -> Result<(), ConfigError> {
-    for node in bus.driver.nodes.iter().filter(|node| node.drive.by_sheet().is_none()) {
+    for node in &bus.driver.nodes {
         // Ids are those of a bus: the axis is unique.
         let setup = driver.nodes().find(|setup| setup.name == node.axis.name());
         let (Some(path), Some(setup)) = (&node.eds, setup) else { continue };
         let path = place.config.join(path);
-        if let Some(objection) = load(&path)?.objection(setup) {
+        let sheet = match &node.sheet {
+            Some(sheet) => Arc::clone(sheet),
+            None => Arc::new(load(&path)?),
+        };
+        if node.drive.by_sheet().is_none()
+            && let Some(objection) = sheet.objection(setup)
+        {
             return Err(error(&path, format!("not the sheet of a drive for the {}: {objection}", setup.name)));
+        }
+        if let Some(why) = IDENTITY.iter().find_map(|part| part.contradicted(&path, &sheet, setup)) {
+            return Err(ConfigError(vec![why]));
         }
     }
     Ok(())
+}
+
+/// A part of the identity of a device.
+struct Part {
+    /// Sub-index in 0x1018.
+    sub: u8,
+    name: &'static str,
+    /// Key of `[DeviceInfo]` in a sheet whose object has no value.
+    key: &'static str,
+    of_device: fn(&eds::Device) -> Option<u32>,
+}
+
+const IDENTITY: [Part; 3] = [
+    Part { sub: 1, name: "vendor", key: "VendorNumber", of_device: |device| device.vendor },
+    Part { sub: 2, name: "product", key: "ProductNumber", of_device: |device| device.product },
+    Part { sub: 3, name: "revision", key: "RevisionNumber", of_device: |device| device.revision },
+];
+const IDENTITY_OBJECT: u16 = 0x1018;
+
+impl Part {
+    /// What the sheet states, and its line, if that is known; 0 states nothing.
+    fn stated(&self, path: &Path, sheet: &Eds, node: u8) -> Option<(u32, Option<usize>)> {
+        let object = sheet.object(IDENTITY_OBJECT, self.sub).and_then(|object| {
+            let value = object.parameter.as_ref().or(object.default.as_ref())?;
+            Some((value.number(object.data_type, node) as u32, Some(object.line as usize)))
+        });
+        let is_key =
+            |line: &str| line.split_once('=').is_some_and(|(key, _)| key.trim().eq_ignore_ascii_case(self.key));
+        let of_device = || {
+            let value = (self.of_device)(sheet.device())?;
+            let line = bytes(path).ok().and_then(|text| String::from_utf8_lossy(&text).lines().position(is_key));
+            Some((value, line.map(|line| line + 1)))
+        };
+        object.filter(|(value, _)| *value != 0).or_else(of_device).filter(|(value, _)| *value != 0)
+    }
+
+    /// Why a drive that is as the sheet states would be refused at its boot-up.
+    fn contradicted(&self, path: &Path, sheet: &Eds, setup: &NodeConfig) -> Option<String> {
+        let (stated, line) = self.stated(path, sheet, setup.id)?;
+        let of_part = |expect: &&Expect| (expect.index, expect.sub) == (IDENTITY_OBJECT, self.sub);
+        let differs = |expect: &&Expect| !(expect.min..=expect.max).contains(&(stated & expect.mask));
+        let expect = setup.identity.iter().filter(of_part).find(differs)?;
+        let demanded = match (expect.min, expect.max) {
+            (least, most) if least == most => format!("0x{least:X}"),
+            (least, u32::MAX) => format!("at least 0x{least:X}"),
+            (least, most) => format!("0x{least:X} to 0x{most:X}"),
+        };
+        let line = line.map(|line| format!(":{line}")).unwrap_or_default();
+        let Self { sub, name, .. } = self;
+        Some(format!(
+            "{}{line}: 0x1018:{sub} ({name}) is 0x{stated:X} by the sheet, and the keys of the {} drive demand \
+             {demanded}: the sheet of another drive, or a wrong {name}",
+            path.display(),
+            setup.name
+        ))
+    }
 }

@@ -343,7 +343,12 @@ fn refused<T>(why: String) -> Result<T, ConfigError> {
 }
 
 /// Where a port of a bus is; the simulator has the other end of it.
-fn place_of(place: &RobotLocation, robot: &Robot, bus: &str, simulated_side: bool) -> Result<PortConfig, ConfigError> {
+pub(crate) fn place_of(
+    place: &RobotLocation,
+    robot: &Robot,
+    bus: &str,
+    simulated_side: bool,
+) -> Result<PortConfig, ConfigError> {
     let (run_dir, missing) = (&*place.run_dir, || refused(format!("bus {bus}: robot.toml has no table [{bus}]")));
     let port =
         match (bus.split_once('.').unwrap_or((bus, "")), simulated_side) {
@@ -670,8 +675,8 @@ pub(crate) fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> R
     Ok(driver)
 }
 
-/// What is allowed of the drives' data sheets, and may not be meant; with file and line.
-pub(crate) fn remarks_on_sheets(place: &RobotLocation, config: &Config) -> Vec<String> {
+/// Drives that permit less of their motors than the limits demand. Of a configuration that is refused: none.
+pub(crate) fn slow_motors(place: &RobotLocation, config: &Config) -> Vec<sheets::SlowMotor> {
     let mut buses = config.robot.can.clone();
     let read = buses.iter_mut().try_for_each(|bus| sheets::read(place, bus));
     let Some(driver) = read.and_then(|()| canbus(place, config, false)).ok() else { return Vec::new() };
@@ -826,6 +831,59 @@ mod tests {
         let refused = with("epos_sim.eds").unwrap_err();
         assert!(refused.ends_with("not the sheet of a drive for the steering: it has no object 0x605A:0"), "{refused}");
         assert!(with("no.eds").unwrap_err().contains("no.eds: "));
+    }
+
+    #[test]
+    fn an_identity_that_is_not_that_of_the_sheet_is_refused_with_its_line() {
+        let sheet = "epos_sim.eds";
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../buses/canopen/eds").join(sheet);
+        let text = std::fs::read_to_string(&path).unwrap();
+        let made = |sheet: &str, change: fn(&mut Cia402Config)| {
+            let mut keys = Cia402Config { gear: Some(26.0), velocity_unit: VelocityUnit::Rpm, ..Cia402Config::usual() };
+            change(&mut keys);
+            let (place, config) = by_sheet(sheet, keys, SecondWay::Power);
+            let made = shell(&place, &config, canbus::NAME, State::Run, HostOptions::LIVE);
+            made.map(|_| ()).map_err(|error| error.to_string())
+        };
+        assert_eq!(made(sheet, |keys| keys.vendor = Some(0xFB)), Ok(()));
+        assert_eq!(made(sheet, |keys| keys.revision_min = Some(0x2033_0000)), Ok(()));
+        let changes: [(_, fn(&mut Cia402Config), _); 3] = [
+            (
+                1,
+                |keys| keys.vendor = Some(0xFC),
+                "(vendor) is 0xFB by the sheet, and the keys of the propulsion drive demand 0xFC: ",
+            ),
+            (
+                2,
+                |keys| keys.product = Some(7),
+                "(product) is 0x64100000 by the sheet, and the keys of the propulsion drive demand 0x7: ",
+            ),
+            (
+                3,
+                |keys| keys.revision_min = Some(0x2033_0001),
+                "(revision) is 0x20330000 by the sheet, and the keys of the propulsion drive demand at least 0x20330001: ",
+            ),
+        ];
+        for (sub, change, words) in changes {
+            let line = text.lines().position(|line| line == format!("[1018sub{sub}]")).unwrap() + 1;
+            let why = made(sheet, change).unwrap_err();
+            let expected = format!("epos_sim.eds:{line}: 0x1018:{sub} {words}");
+            assert!(why.contains(&expected), "{expected}\n{why}");
+        }
+        // An object without a value: what the sheet states of the device.
+        let other = std::env::temp_dir().join(format!("advee-identity-{}.eds", std::process::id()));
+        let unstated = text.replace("DefaultValue=0x64100000", "DefaultValue=0");
+        let with = |device: &str| {
+            let line = "[DeviceInfo]";
+            assert!(unstated.contains(line));
+            std::fs::write(&other, unstated.replacen(line, &format!("{line}\n{device}"), 1)).unwrap();
+            made(other.to_str().unwrap(), |keys| keys.product = Some(7))
+        };
+        assert_eq!(with("Granularity=8"), Ok(()));
+        let line = unstated.lines().position(|line| line == "[DeviceInfo]").unwrap() + 2;
+        let why = with("ProductNumber=0x8").unwrap_err();
+        assert!(why.contains(&format!(".eds:{line}: 0x1018:2 (product) is 0x8 by the sheet")), "{why}");
+        std::fs::remove_file(&other).unwrap();
     }
 
     /// The shipped robot, with the propulsion by this sheet.

@@ -58,6 +58,9 @@ fn copy(name: &str) -> PathBuf {
     for file in FILES {
         fs::copy(of_0_1().join(file), folder.join(file)).expect("a file of 0.1");
     }
+    let world = Path::new("worlds/hall.toml");
+    fs::create_dir_all(folder.join("worlds")).expect("a folder");
+    fs::copy(shipped().join("..").join(world), folder.join(world)).expect("the hall");
     folder
 }
 
@@ -118,6 +121,20 @@ fn a_configuration_of_0_1_is_migrated_with_its_comments_and_gives_no_notice_any_
     for sim in [false, true] {
         assert_eq!(Config::load(&folder, sim, &[]).unwrap(), shipped_as_in_0_1(sim));
     }
+    fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn a_folder_without_a_world_is_no_simulated_robot_until_one_is_named() {
+    let folder = copy("worldless");
+    let hall = folder.join("hall.toml");
+    fs::rename(folder.join("worlds/hall.toml"), &hall).expect("the hall");
+    let refused = advee(&["config", "check"], &folder);
+    assert_eq!(refused.code, Some(i32::from(module::exit::RESOURCE)));
+    let why = refused.bad();
+    assert!(why.contains("worlds/hall.toml: ") && why.contains("a world is a file that --world names"), "{why}");
+    let named = advee(&["config", "check", "--world", hall.to_str().unwrap()], &folder).good();
+    assert!(named.ends_with(": good, for the robot and the simulated robot\n"), "{named}");
     fs::remove_dir_all(&folder).unwrap();
 }
 

@@ -1064,6 +1064,9 @@ impl Robot {
                 if let (Some(most), Some(item)) = (node.motor_rpm_max, table.item("nodes", n)) {
                     self.check_motor(node, most, &item);
                 }
+                if let (canbus::Drive::Vesc(keys), Some(item)) = (&node.drive, table.item("nodes", n)) {
+                    self.check_slowest(&keys.motor, &item);
+                }
             }
         }
     }
@@ -1109,6 +1112,27 @@ impl Robot {
         }
     }
 
+    /// A VESC turns its wheel at some speed at which the robot may drive: slower set-points than `erpm_min` brake.
+    fn check_slowest(&self, motor: &canbus::VescMotor, table: &Table<'_>) {
+        let driven = self.limits.speed_manual_mps.max(self.limits.speed_autonomous_mps).min(self.limits.speed_mps);
+        let most = self.blind_mps().map_or(driven, |blind| driven.min(blind));
+        let erpm_per_mps =
+            60.0 * motor.gear.abs() * f64::from(motor.pole_pairs) / self.geometry.wheel_circumference_m();
+        if motor.gear == 0.0 || motor.erpm_min <= most * erpm_per_mps {
+            return;
+        }
+        let slowest = (motor.erpm_min / erpm_per_mps * 1e3).ceil() / 1e3;
+        let expected = format!(
+            "at most {}: the robot drives at {most} m/s at most, and by gear and pole_pairs the wheel stands below \
+             {slowest} m/s",
+            (most * erpm_per_mps).floor()
+        );
+        match table.has("erpm_min") {
+            true => table.refuse("erpm_min", expected),
+            false => table.refuse_missing("erpm_min", expected),
+        }
+    }
+
     /// A drive on a serial line moves axes that the base has, and that no other drive moves, on a line of its own; one
     /// whose command time limit cannot be proven needs a second way to stop.
     fn check_lines(&self, table: &Table<'_>) {
@@ -1128,6 +1152,9 @@ impl Robot {
                     table.refuse("axis", "one that no other drive moves");
                 }
                 taken.push(axis);
+            }
+            if let canbus::LineKeys::Vesc(keys) = &line.driver {
+                self.check_slowest(&keys.motor, &table);
             }
             if ports.contains(&&line.port.port) {
                 table.refuse("port", "a line of its own: another drive has this one");

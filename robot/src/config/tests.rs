@@ -672,6 +672,33 @@ fn what_is_wrong_with_a_serial_line_is_refused_where_it_is_written() {
 }
 
 #[test]
+fn a_vesc_that_brakes_at_every_speed_of_the_robot_is_refused() {
+    let base = "kind = \"differential\"\ntrack_m = 0.42";
+    let on_can = |more: &str| {
+        let vesc = |id: usize, axis: &str, more: &str| {
+            format!("{{ id = {id}, driver = \"vesc\", axis = \"{axis}\", gear = -8, pole_pairs = 7{more} }}")
+        };
+        let nodes = [vesc(1, "left", more), vesc(2, "right", "")];
+        load(&based(base, &[&nodes[0], &nodes[1]]), "", &[], MODULES).map(drop)
+    };
+    // A robot that senses nothing drives at 0.3 m/s at most: 1604.3 of a wheel of 0.628 m.
+    assert_eq!(on_can(", erpm_min = 1604"), Ok(()));
+    let expected = "erpm_min = 1605: expected at most 1604: the robot drives at 0.3 m/s at most, and by gear and \
+                    pole_pairs the wheel stands below 0.301 m/s";
+    let wrong = on_can(", erpm_min = 1605").unwrap_err();
+    assert!(wrong.len() == 1 && wrong[0].ends_with(&format!(": can.main.nodes[0].{expected}")), "{wrong:?}");
+    let on_line = on_lines(&(uart("left", "left") + "erpm_min = 1605\n" + &uart("right", "right")));
+    let wrong = load(&on_line, "", &[], MODULES).unwrap_err();
+    assert!(wrong.len() == 1 && wrong[0].ends_with(&format!(": serial.left.{expected}")), "{wrong:?}");
+    // The usual one counts as if it were written.
+    let wrong = load(&on_line.replace("gear = 8", "gear = 1"), "", &[], MODULES).unwrap_err();
+    assert!(
+        wrong.iter().any(|line| line.contains("serial.right.erpm_min: missing, expected at most 200")),
+        "{wrong:?}"
+    );
+}
+
+#[test]
 fn a_gamepad_is_configured_by_names_and_codes() {
     use base::gamepad::{ABS_RY, BTN_TL, BTN_TR, BTN_WEST};
     let table = "[gamepad]\ndevice = \"/dev/input/event5\"\ndead_man = \"BTN_TR\"\ncreep = \"BTN_TL\"\n\
