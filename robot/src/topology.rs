@@ -861,7 +861,8 @@ mod tests {
             (
                 3,
                 |keys| keys.revision_min = Some(0x2033_0001),
-                "(revision) is 0x20330000 by the sheet, and the keys of the propulsion drive demand at least 0x20330001: ",
+                "(revision) is 0x20330000 by the sheet, and the keys of the propulsion drive demand at least \
+                 0x20330001: ",
             ),
         ];
         for (sub, change, words) in changes {
