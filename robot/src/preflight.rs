@@ -45,8 +45,8 @@ fn made(place: &RobotLocation, config: &Config, world: &World) -> Result<Vec<She
         }
     }
     if place.sim && lines.is_empty() {
-        let slow = topology::slow_motors(place, config).into_iter().filter(|motor| motor.is_simulated);
-        lines.extend(slow.map(|motor| motor.remark + "; the simulated drive is set so"));
+        let misfits = topology::misfits(place, config).into_iter().filter(|misfit| misfit.is_simulated);
+        lines.extend(misfits.map(|misfit| misfit.remark + "; the simulated drive is so"));
     }
     lines.dedup();
     if lines.is_empty() { Ok(shells) } else { Err(ConfigError(lines)) }
@@ -64,8 +64,8 @@ pub fn remarks(place: &RobotLocation, config: &Config) -> Vec<String> {
         let file = place.config.join("modules.toml");
         format!("{}: no module {}, which moves the drives of robot.toml", file.display(), canbus::NAME)
     });
-    let slow = topology::slow_motors(place, config).into_iter().map(|motor| motor.remark);
-    slow.chain(unmoved).collect()
+    let misfits = topology::misfits(place, config).into_iter().map(|misfit| misfit.remark);
+    misfits.chain(unmoved).collect()
 }
 
 /// The targets of `SIM_CMD_FAULT` of the simulated robot, each with the faults that it can have.
@@ -308,7 +308,7 @@ mod tests {
             let config = Config::load(&place.config, true, &sets).expect("a configuration");
             check(&place, &config, &World::default()).err().map_or_else(Vec::new, |ConfigError(lines)| lines)
         };
-        let set_so = |axis| expected(axis) + "; the simulated drive is set so";
+        let set_so = |axis| expected(axis) + "; the simulated drive is so";
         assert_eq!(refused(&[]), ["left", "right"].map(set_so));
         let written = ["0.gear=20", "0.motor_rpm_max=5000", "1.gear=-20", "1.motor_rpm_max=5000"];
         let written = written.map(|key| format!("can.main.nodes.{key}"));

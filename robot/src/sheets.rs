@@ -117,17 +117,22 @@ pub(crate) fn check_inputs(place: &RobotLocation, bus: &CanBus, stop: &canbus::S
     Ok(())
 }
 
-/// A drive that, as its sheet states it, permits less of its motor than the limits of the robot demand: it is refused
-/// at its boot-up, unless it is set otherwise.
-pub(crate) struct SlowMotor {
+/// A drive that would be refused at its boot-up if it were as its sheet states it: it permits less of its motor than the
+/// limits of the robot demand, or is another device.
+pub(crate) struct Misfit {
     /// What is allowed, and may not be meant; with file and line.
     pub remark: String,
-    /// The drive that is simulated by the sheet is set so.
+    /// The simulated drive is made of the sheet, and is so.
     pub is_simulated: bool,
 }
 
 /// Those of a bus.
-pub(crate) fn slow_motors(place: &RobotLocation, bus: &CanBus, driver: &Canbus) -> Vec<SlowMotor> {
+pub(crate) fn misfits(place: &RobotLocation, bus: &CanBus, driver: &Canbus) -> Vec<Misfit> {
+    let others = bus.driver.nodes.iter().filter_map(|node| other_device(place, node, driver));
+    others.chain(slow_motors(place, bus, driver)).collect()
+}
+
+fn slow_motors(place: &RobotLocation, bus: &CanBus, driver: &Canbus) -> Vec<Misfit> {
     let slow = |node: &canbus::Node| {
         let (path, sheet) = (node.eds.as_ref()?, node.sheet.as_ref()?);
         let object = sheet.object(MOTOR_SPEED, 0)?;
@@ -147,32 +152,32 @@ pub(crate) fn slow_motors(place: &RobotLocation, bus: &CanBus, driver: &Canbus) 
                 node.axis.name()
             )
         };
-        (stated < needed).then(|| SlowMotor { remark: remark(), is_simulated })
+        (stated < needed).then(|| Misfit { remark: remark(), is_simulated })
     };
     bus.driver.nodes.iter().filter_map(slow).collect()
 }
 
-/// A data sheet that the configuration names must be one of a device that the driver can set up, and that it accepts.
+/// A data sheet that the configuration names must be one of a device that the driver can set up.
 pub(crate) fn check(place: &RobotLocation, bus: &CanBus, driver: &Canbus) -> Result<(), ConfigError> {
-    for node in &bus.driver.nodes {
+    for node in bus.driver.nodes.iter().filter(|node| node.drive.by_sheet().is_none()) {
         // Ids are those of a bus: the axis is unique.
         let setup = driver.nodes().find(|setup| setup.name == node.axis.name());
         let (Some(path), Some(setup)) = (&node.eds, setup) else { continue };
         let path = place.config.join(path);
-        let sheet = match &node.sheet {
-            Some(sheet) => Arc::clone(sheet),
-            None => Arc::new(load(&path)?),
-        };
-        if node.drive.by_sheet().is_none()
-            && let Some(objection) = sheet.objection(setup)
-        {
+        if let Some(objection) = load(&path)?.objection(setup) {
             return Err(error(&path, format!("not the sheet of a drive for the {}: {objection}", setup.name)));
-        }
-        if let Some(why) = IDENTITY.iter().find_map(|part| part.contradicted(&path, &sheet, setup)) {
-            return Err(ConfigError(vec![why]));
         }
     }
     Ok(())
+}
+
+/// A drive of another identity than its sheet states. The sheet of a sibling may be meant, so it is a remark.
+fn other_device(place: &RobotLocation, node: &canbus::Node, driver: &Canbus) -> Option<Misfit> {
+    let path = place.config.join(node.eds.as_ref()?);
+    let setup = driver.nodes().find(|setup| setup.name == node.axis.name())?;
+    let sheet = node.sheet.clone().or_else(|| load(&path).ok().map(Arc::new))?;
+    let remark = IDENTITY.iter().find_map(|part| part.contradicted(&path, &sheet, setup))?;
+    Some(Misfit { remark, is_simulated: needs_sheet(node) })
 }
 
 /// A part of the identity of a device.
