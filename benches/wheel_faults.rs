@@ -7,8 +7,8 @@
 //! time from there until every wheel's target has decreased by a tenth.
 //!
 //! Environment: FAULTS (1000) of each robot, SEED (1), CONFIG=conf/courier: this robot alone, CONFIG=skid-steer: the
-//! porter on wheels that do not go sideways; NUMBER=17: this fault alone, as when it was one of many; ONLY=text: kinds of
-//! fault whose name contains it.
+//! porter on wheels that do not go sideways; NUMBER=17: this fault alone, as when it was one of many; ONLY=text: kinds
+//! of fault whose name contains it.
 
 #[allow(dead_code, reason = "the live campaign uses the rest")]
 #[path = "faults/figures.rs"]

@@ -117,8 +117,8 @@ pub(crate) fn check_inputs(place: &RobotLocation, bus: &CanBus, stop: &canbus::S
     Ok(())
 }
 
-/// A drive that would be refused at its boot-up if it were as its sheet states it: it permits less of its motor than the
-/// limits of the robot demand, or is another device.
+/// A drive that would be refused at its boot-up if it were as its sheet states it: it permits less of its motor than
+/// the limits of the robot demand, or is another device.
 pub(crate) struct Misfit {
     /// What is allowed, and may not be meant; with file and line.
     pub remark: String,

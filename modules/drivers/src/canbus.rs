@@ -348,8 +348,8 @@ impl Canbus {
             Message::LlCmdSdo(request) => {
                 let at = NodeAt::of_request(request.node);
                 let owner = at.map_or(NodeOwner::Others, |at| self.owner_of(at));
-                let net = at.and_then(|at| Some((at.id, self.nets.get_mut(at.bus)?)));
-                let node = net.filter(|(_, net)| net.has_canopen).map(|(id, net)| (id, &mut net.master));
+                let net = at.and_then(|at| Some((at, self.nets.get_mut(at.bus)?)));
+                let node = net.filter(|(_, net)| net.has_canopen).map(|(at, net)| (at.bus, at.id, &mut net.master));
                 self.requests.on_command(now, request, &owner, node, out);
             }
             Message::CmDataProcesses(list) => {

@@ -154,8 +154,8 @@ impl Parameters {
         }
     }
 
-    /// The same with a steering that turns up to `most`, rad, and has its homing switch at `switch`, to the hundredth of
-    /// a degree nearest to it; its stops are beyond both.
+    /// The same with a steering that turns up to `most`, rad, and has its homing switch at `switch`, to the hundredth
+    /// of a degree nearest to it; its stops are beyond both.
     #[must_use]
     pub fn steered(self, most: f64, switch: Switch) -> Self {
         let degrees = libm::round(switch.angle.to_degrees() * 100.0) / 100.0;

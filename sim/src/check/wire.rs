@@ -315,8 +315,8 @@ impl Drive {
         }
     }
 
-    /// True for a frame on its bus by which a master commands this drive: of CANopen an NMT command, SYNC, an RPDO or an SDO
-    /// request; of a motor controller a message that changes something. Nobody else is on a serial line.
+    /// True for a frame by which a master commands this drive on its bus: of CANopen an NMT command, SYNC, an RPDO or an
+    /// SDO request; of a motor controller a message that changes something. Nobody else is on a serial line.
     #[must_use]
     pub fn is_command(&self, frame: &Frame) -> bool {
         if let Protocol::VescOnCan(vesc) = &self.protocol {

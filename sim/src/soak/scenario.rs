@@ -167,9 +167,9 @@ pub enum Phase {
 
 impl Scenario {
     /// The same for a robot that does not have all that it names. `propulsion` is every driven wheel, `can.main` every
-    /// CAN bus of drives, `serial` every line of `lines`, on which drives are. A fault of the hardware stays for those of its targets that the robot has
-    /// with this fault (`has`: target, fault), and is left out with the last of them. Returns which targets were left
-    /// out.
+    /// CAN bus of drives, `serial` every line of `lines`, on which drives are. A fault of the hardware stays for those
+    /// of its targets that the robot has with this fault (`has`: target, fault), and is left out with the last of them.
+    /// Returns which targets were left out.
     #[must_use]
     pub fn suited(
         mut self,

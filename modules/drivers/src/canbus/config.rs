@@ -949,8 +949,8 @@ pub(super) fn check_method(table: &Table<'_>, number: i8) {
     }
 }
 
-/// Bit of the statusword that says that an axis has its reference: bits 9 to 13 (remote, target reached, internal limit,
-/// and two of the mode; CiA 402-2, 8.4.2) are set without a homing, too.
+/// Bit of the statusword that says that an axis has its reference: bits 9 to 13 (remote, target reached, internal
+/// limit, and two of the mode; CiA 402-2, 8.4.2) are set without a homing, too.
 pub(super) fn check_homed_bit(table: &Table<'_>, bit: Option<u8>) {
     if bit.is_some_and(|bit| (9..=13).contains(&bit)) {
         table.refuse("homed_bit", "8, 14 or 15: the others are those of CiA 402");

@@ -4,14 +4,14 @@
 //! harmless, and those that the configuration names. No configuration names an object that moves or supervises a drive,
 //! or on which its stop depends ([`may_be_listed`]).
 
-use super::net::NodeAt;
 use base::Instant;
 use canopen::master::{RequestError, Ticket};
 use canopen::{Abort, Master, sdo};
 use messages::lowlevel::{CmdSdo, DataSdo};
 use module::Actions;
 
-/// Maximum number of pending requests to the nodes of a bus; further ones are rejected. On a bus that is down they wait.
+/// Maximum number of pending requests to the nodes of a bus; further ones are rejected. On a bus that is down they
+/// wait.
 const PENDING_MAX: usize = 32;
 /// The same for a node that the stop depends on: its speed is read, and its output written, after them.
 const PENDING_OF_OURS_MAX: usize = 4;
@@ -21,6 +21,8 @@ const BLOCK_MIN: usize = 128;
 
 /// A pending request.
 struct Pending {
+    /// Number of the bus.
+    bus: usize,
     ticket: Ticket,
     request: CmdSdo,
 }
@@ -39,14 +41,14 @@ pub(super) enum NodeOwner {
 }
 
 impl Requests {
-    /// Starts a request to a node of a master, or answers at once with the reason of rejection; no node: there is
-    /// none of that number, or its bus has no nodes of CANopen.
+    /// Starts a request to a node on a bus with its master, or answers at once with the reason of rejection; no node:
+    /// there is none of that number, or its bus has no nodes of CANopen.
     pub(super) fn on_command(
         &mut self,
         now: Instant,
         request: &CmdSdo,
         owner: &NodeOwner,
-        node: Option<(u8, &mut Master)>,
+        node: Option<(usize, u8, &mut Master)>,
         out: &mut Actions,
     ) {
         let begun = node.ok_or(Abort::NO_RESOURCE).and_then(|node| self.begin(now, request, owner, node));
@@ -60,14 +62,13 @@ impl Requests {
         now: Instant,
         request: &CmdSdo,
         owner: &NodeOwner,
-        (node, master): (u8, &mut Master),
+        (bus, node, master): (usize, u8, &mut Master),
     ) -> Result<(), Abort> {
         let index = u16::try_from(request.index).map_err(|_| Abort::NO_OBJECT)?;
         let sub = u8::try_from(request.subindex).map_err(|_| Abort::NO_SUB_INDEX)?;
         let same = self.0.iter().filter(|pending| pending.request.node == request.node).count();
         let crowded = matches!(owner, NodeOwner::Ours { .. }) && same >= PENDING_OF_OURS_MAX;
-        let bus = |node| NodeAt::of_request(node).map(|at| at.bus);
-        let of_bus = self.0.iter().filter(|pending| bus(pending.request.node) == bus(request.node)).count();
+        let of_bus = self.0.iter().filter(|pending| pending.bus == bus).count();
         if crowded || of_bus >= PENDING_MAX {
             return Err(Abort::OUT_OF_MEMORY);
         }
@@ -85,7 +86,7 @@ impl Requests {
             RequestError::TooLong => Abort::TOO_LONG,
         })?;
         // The data is in the transfer and not needed again.
-        self.0.push(Pending { ticket, request: CmdSdo { data: Vec::new(), ..request.clone() } });
+        self.0.push(Pending { bus, ticket, request: CmdSdo { data: Vec::new(), ..request.clone() } });
         Ok(())
     }
 
