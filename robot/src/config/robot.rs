@@ -760,6 +760,7 @@ impl Robot {
         self.check_axes(table);
         self.check_interfaces(table);
         self.check_lines(table);
+        self.check_feed_line(table);
         self.check_imus(table);
         self.check_rangers(table, "srfs", &self.srfs, 7);
         self.check_rangers(table, "irs", &self.irs, 1);
@@ -1164,21 +1165,22 @@ impl Robot {
                 table.refuse("driver", self.missing_way());
             }
         }
-        if let Some(feed) = self.stop.feed_line()
-            && let Some(io) = table.below("io")
-        {
-            let lines = self.io.iter().flat_map(|io| &io.gpio);
-            for (n, _) in lines.enumerate().filter(|(_, keys)| (&keys.chip, &keys.line) == (&feed.chip, &feed.line)) {
-                if let Some(item) = io.item("gpio", n) {
-                    item.refuse("line", "another one than that of [stop] gpio, which cuts the motors' feed");
-                }
-            }
-        }
         if self.stop.feed_output().is_some()
             && self.can.is_empty()
             && let Some(stop) = table.below("stop")
         {
             stop.refuse("second_way", "another one than a node of a CAN bus, of which there is none");
+        }
+    }
+
+    /// The line that cuts the motors' feed is no signal.
+    fn check_feed_line(&self, table: &Table<'_>) {
+        let (Some(feed), Some(io)) = (self.stop.feed_line(), table.below("io")) else { return };
+        let lines = self.io.iter().flat_map(|io| &io.gpio);
+        for (n, _) in lines.enumerate().filter(|(_, keys)| (&keys.chip, &keys.line) == (&feed.chip, &feed.line)) {
+            if let Some(item) = io.item("gpio", n) {
+                item.refuse("line", "another one than that of [stop] gpio, which cuts the motors' feed");
+            }
         }
     }
 
