@@ -1607,7 +1607,7 @@ fn inputs_and_outputs_that_cannot_be_are_refused() {
         assert!(IO.contains(from), "{from}");
         let feed = "\n[stop]\nsecond_way = \"gpio\"\ngpio = { chip = \"feed\", line = 17 }\n";
         let robot = format!("{ROBOT}{feed}{}", IO.replacen(from, to, 1));
-        let lines = load(&robot, "", &[], MODULES).err().expect(what);
+        let lines = load(&robot, "", &[], MODULES).expect_err(what);
         assert!(lines.iter().any(|line| line.contains(what)), "{what}: {lines:?}");
     }
 }
