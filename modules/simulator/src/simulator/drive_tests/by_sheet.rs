@@ -44,17 +44,17 @@ fn steering(sheet: &[u8], gear: f64) -> Cia402Config {
 impl Bus {
     /// The propulsion as node 1, the steering as node 2, and what feeds the motors as node 5.
     fn by_sheets(propulsion: Cia402Config, steering: Cia402Config) -> Self {
-        Self::of_body(propulsion, steering, Parameters::default())
+        Self::of_body(propulsion, steering, &Parameters::default())
     }
 
     /// The same in a robot that is not the usual one.
-    fn of_body(propulsion: Cia402Config, steering: Cia402Config, parameters: Parameters) -> Self {
+    fn of_body(propulsion: Cia402Config, steering: Cia402Config, parameters: &Parameters) -> Self {
         let drive = |name: &str, node, config| {
             let kind = DriveKind::Cia402(Box::new(config));
             DriveConfig { name: name.into(), node, kind }
         };
         let drives = vec![drive("propulsion", 1, propulsion), drive("steering", 2, steering)];
-        let mut bus = Self::of(drives, Some(FEED), Config { parameters, ..Config::default() });
+        let mut bus = Self::of(drives, Some(FEED), Config { parameters: *parameters, ..Config::default() });
         bus.boot();
         bus
     }
@@ -320,7 +320,7 @@ fn a_steering_is_homed_to_its_switch_from_whichever_side_its_gear_turns() {
     for (gear, method, at) in left.into_iter().chain(right) {
         let switch = Switch { angle: f64::to_radians(at), left: at > 0.0 };
         let body = Parameters::default().steered(0.61, switch);
-        let mut bus = Bus::of_body(wheel(EPOS4), steering(SLAVE, gear), body);
+        let mut bus = Bus::of_body(wheel(EPOS4), steering(SLAVE, gear), &body);
         let counts = |degrees: f64| (degrees * 4096.0 * gear / 360.0).round() as i64;
         bus.homes(method, counts(at));
         assert_eq!(bus.status(2) & 0xB400, 0x9400, "homed, attained, standing");
