@@ -39,7 +39,8 @@ pub fn home(common: &Common, command: &Home) -> Outcome {
             }
             Heard::Message(Message::LlDataAxes(list)) if list.axes.iter().all(|axis| axis.name != command.axis) => {
                 let names: Vec<&str> = list.axes.iter().map(|axis| axis.name.as_str()).collect();
-                return Err(format!("there is no axis {}; there are {}", command.axis, names.join(", ")).into());
+                let others = if names.is_empty() { String::new() } else { format!("; there are {}", names.join(", ")) };
+                return Err(format!("there is no axis {}{others}", command.axis).into());
             }
             Heard::Message(message) => {
                 let failed = error_of(&message, DRIVER).filter(|error| error.number == Code::HomingFailed as i32);

@@ -362,8 +362,8 @@ impl Body {
         if left { self.steering.0 >= angle } else { self.steering.0 <= angle }
     }
 
-    /// The closed homing switch as limit switch of a drive with so many counts per radian: that at its negative end,
-    /// that at its positive one.
+    /// Whether the limit switch at the drive's negative end, and the one at its positive end, is closed: the homing
+    /// switch serves as one of them, by the sign of the drive's counts per radian.
     #[must_use]
     pub fn limits_closed(&self, counts_per_radian: f64) -> (bool, bool) {
         let positive = self.parameters.steering_switch.left == (counts_per_radian > 0.0);

@@ -183,7 +183,7 @@ impl Scenario {
             let targets = std::mem::take(&mut kind.targets).into_iter();
             let each = targets.flat_map(|target| match target.as_str() {
                 PROPULSION => wheels.iter().copied().map(Into::into).collect(),
-                // One without them has none, and that is told by this name.
+                // A robot without CAN buses keeps the name, which is then reported as left out.
                 DRIVE_BUSES if !buses.is_empty() => buses.iter().copied().map(Into::into).collect(),
                 DRIVE_LINES => lines.iter().copied().map(Into::into).collect(),
                 _ => vec![target],

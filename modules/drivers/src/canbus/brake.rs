@@ -82,8 +82,8 @@ pub(super) struct Brake {
     written: Option<Instant>,
     /// When it is late. Set while it is not as it shall be.
     late: Option<Instant>,
-    /// That was told.
-    told: bool,
+    /// Its lateness was reported.
+    reported: bool,
 }
 
 impl Brake {
@@ -108,7 +108,7 @@ impl Brake {
             unanswered: 0,
             written: None,
             late: None,
-            told: false,
+            reported: false,
         }
     }
 
@@ -128,8 +128,8 @@ impl Brake {
             *self = Self::new(self.node, self.has_mask, self.release);
             return false;
         }
-        // A motion that begins is told anew.
-        self.told &= wheel != Wheel::Moves || self.wheel == Wheel::Moves;
+        // For a new motion it is reported again.
+        self.reported &= wheel != Wheel::Moves || self.wheel == Wheel::Moves;
         self.wheel = wheel;
         let wanted = match wheel {
             Wheel::Moves => Some(true),
@@ -137,7 +137,7 @@ impl Brake {
             Wheel::Other => self.wanted,
         };
         if wanted != self.wanted {
-            (self.wanted, self.late, self.free, self.told) = (wanted, Some(now + OBEYS), false, false);
+            (self.wanted, self.late, self.free, self.reported) = (wanted, Some(now + OBEYS), false, false);
             let is_known = self.taken && self.output.is_some();
             if self.ticket.is_none() {
                 match wanted {
@@ -147,8 +147,8 @@ impl Brake {
             }
         }
         let is_so = wanted.is_none_or(|free| if free { self.released.is_some() } else { self.is_set() });
-        self.told &= !is_so;
-        if is_so || wheel == Wheel::Other || self.told {
+        self.reported &= !is_so;
+        if is_so || wheel == Wheel::Other || self.reported {
             self.late = None;
         } else if self.late.is_none() {
             self.late = Some(now + OBEYS);
@@ -161,7 +161,7 @@ impl Brake {
         self.free = self.wanted == Some(true) && released;
         let is_late = self.late.is_some_and(|late| late <= now);
         if is_late {
-            (self.late, self.told) = (None, true);
+            (self.late, self.reported) = (None, true);
         }
         is_late
     }

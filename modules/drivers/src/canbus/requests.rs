@@ -41,8 +41,8 @@ pub(super) enum NodeOwner {
 }
 
 impl Requests {
-    /// Starts a request to a node on a bus with its master, or answers at once with the reason of rejection; no node:
-    /// there is none of that number, or its bus has no nodes of CANopen.
+    /// Starts a request to a node on a bus with its master, or answers at once with the reason of rejection. `node` is
+    /// absent if no bus has that number, or the bus has no CANopen nodes.
     pub(super) fn on_command(
         &mut self,
         now: Instant,
