@@ -1212,9 +1212,14 @@ impl Canbus {
             let steering = self.steering.iter_mut().filter(|steering| steering.drive.bus == number);
             let steering = steering.filter_map(|steering| steering.blind_stop(now, bus_is_up));
             let mut frames: Vec<Frame> = wheels.chain(steering).collect();
+            let mut questions = Vec::new();
             for controller in self.wheels.controllers_of_bus(number) {
-                frames.extend(std::iter::from_fn(|| controller.poll_frame(now)));
+                while let Some(frame) = controller.poll_frame(now) {
+                    if controller.is_commanded_by(&frame) { frames.push(frame) } else { questions.push(frame) }
+                }
             }
+            // The answers to one wheel's questions may precede the commands to the next on the wire.
+            frames.append(&mut questions);
             let Net { bus, port, master, has_canopen } = net;
             let canopen = std::iter::from_fn(|| master.poll_tx().filter(|_| *has_canopen));
             for frame in frames.into_iter().chain(canopen) {

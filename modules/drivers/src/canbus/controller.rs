@@ -212,10 +212,15 @@ impl Controller {
         matches!(&self.engine, Engine::Can { device, .. } if device.owns(frame))
     }
 
+    /// True for a frame by which its device is commanded or configured, not one that asks it for something.
+    pub(super) fn is_commanded_by(&self, frame: &Frame) -> bool {
+        matches!(&self.engine, Engine::Can { device, .. } if device.is_commanded_by(frame))
+    }
+
     /// Its name, if another program commands or configures its device by this frame; one that asks it for something
     /// does not. Its command time limit may be off then: it stops, and all of its start-up precedes the next motion.
     pub(super) fn on_foreign(&mut self, now: Instant, frame: &Frame) -> Option<&'static str> {
-        if !matches!(&self.engine, Engine::Can { device, .. } if device.is_commanded_by(frame)) {
+        if !self.is_commanded_by(frame) {
             return None;
         }
         self.changed |= !self.commanded;

@@ -437,6 +437,21 @@ fn two_vescs_drive_and_the_other_stops_if_one_is_lost_or_lies() {
 }
 
 #[test]
+fn the_commands_to_all_wheels_precede_the_questions_to_any() {
+    let mut rover = Rover::driving(vesc);
+    rover.frames.clear();
+    rover.drive(0.4, 50);
+    let mut rounds = 0;
+    for round in rover.frames.chunk_by(|(a, _), (b, _)| a == b) {
+        let is_command = |frame| [1, 2].into_iter().any(|id| vesc(id).is_commanded_by(frame));
+        let kinds: Vec<bool> = round.iter().map(|(_, frame)| is_command(frame)).collect();
+        assert!(kinds.is_sorted_by(|command, next| command >= next), "{round:?}");
+        rounds += u32::from(kinds == [true, true, false, false]);
+    }
+    assert!(rounds >= 2, "{:?}", rover.frames);
+}
+
+#[test]
 fn a_vesc_brakes_without_commands_and_one_whose_timeout_is_long_or_dead_is_refused() {
     let mut rover = Rover::driving(vesc);
     // The wire is cut on the driver's side: nothing arrives, and the devices act by themselves.
