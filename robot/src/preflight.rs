@@ -139,6 +139,38 @@ mod tests {
     }
 
     #[test]
+    fn a_module_that_is_not_there_is_refused_with_its_line() {
+        let (folder, config) = copy("cook", |text| text);
+        std::fs::write(
+            config.join("modules.toml"),
+            "modules = [\n    { name = \"guard\" },\n    { name = \"cook\" },\n]",
+        )
+        .unwrap();
+        let wrong = problems(&place(config, true));
+        let expected = "modules.toml:3: modules[1].name = \"cook\": expected watchdog, simulator, ";
+        assert!(matches!(&wrong[..], [line] if line.contains(expected)), "{wrong:?}");
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn a_base_with_an_axis_that_no_drive_turns_is_refused_with_its_line() {
+        let (folder, config) = copy("axis", |_| {
+            let courier = std::fs::read_to_string(shipped().join("../courier/robot.toml")).unwrap();
+            let (at, _) = courier.match_indices("[[can.main.nodes]]").nth(1).unwrap();
+            let end = at + courier[at..].find("\n[rs485").unwrap();
+            courier[..at].to_owned() + &courier[end..]
+        });
+        for file in ["sim.toml", "modules.toml", "wheel.eds"] {
+            std::fs::copy(shipped().join("../courier").join(file), config.join(file)).unwrap();
+        }
+        let wrong = problems(&place(config, true));
+        let expected = "robot.toml:18: base.kind = \"differential\": expected a drive of each axis: no \
+                        [[can.<bus>.nodes]] or [serial.<name>] has \"right\"";
+        assert!(matches!(&wrong[..], [line] if line.ends_with(expected)), "{wrong:?}");
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
     fn a_robot_with_drives_on_two_buses_can_be_made() {
         let (folder, config) = copy("buses", |text| {
             let (at, _) = text.match_indices("[[can.main.nodes]]").nth(1).unwrap();

@@ -272,9 +272,7 @@ pub(crate) fn shell_in(
             Box::new(simulator::Simulator::new(simulator::Config { seed: options.seed.unwrap_or(usual.seed), ..usual }))
         }
         SIMULATOR => return refused(format!("module {name}: only with --sim")),
-        _ => {
-            return refused(format!("module {name}: there is none of that name; there are {}", MODULES.join(", ")));
-        }
+        _ => return refused(unknown(place, name)),
     };
     let mut shell = ShellConfig::new(name);
     shell.wanted = wanted;
@@ -313,6 +311,22 @@ const PLANNING: [&str; 2] = [estimator::NAME, planner::NAME];
 /// Those of them that the robot has, be they its own or programs in another language.
 fn planning(config: &Config) -> impl Iterator<Item = &str> {
     config.modules.iter().map(ModuleEntry::name).filter(|name| PLANNING.contains(name))
+}
+
+/// There is no such module: with the line that lists it, if one does.
+fn unknown(place: &RobotLocation, name: &str) -> String {
+    let there_are = MODULES.join(", ");
+    let listed = |root: settings::Node| {
+        let settings::Value::Array(modules) = &root.below("modules")?.value else { return None };
+        let names = modules.iter().enumerate().filter_map(|(n, module)| Some((n, module.below("name")?)));
+        let is_own = |node: &settings::Node| matches!(&node.value, settings::Value::String(own) if own == name);
+        let (n, node) = names.into_iter().find(|(_, node)| is_own(node))?;
+        Some(format!("{}: modules[{n}].name = {name:?}", node.origin))
+    };
+    match settings::read(&place.config.join("modules.toml")).ok().and_then(listed) {
+        Some(listed) => format!("{listed}: expected {there_are}; or a module of yours with its command"),
+        None => format!("module {name}: there is none of that name; there are {there_are}"),
+    }
 }
 
 const MODULES: [&str; 18] = [
@@ -629,16 +643,29 @@ fn auxiliary(robot: &Robot) -> Result<auxiliary::Auxiliary, ConfigError> {
     driver.or_else(|error| refused(format!("driver_aux: {error}")))
 }
 
-/// Which axes of the base have no drive; empty: that is not the reason.
-fn undriven(robot: &Robot) -> String {
+/// Why the drives cannot move the robot: which axes have none, with the line that says what base it is.
+fn unmoved(place: &RobotLocation, robot: &Robot) -> String {
     let is_on_line = |axis: &str| {
         robot.serial.iter().any(|line| line.driver.motors().into_iter().any(|(moved, _)| moved.name() == axis))
     };
     let has = |bus: &config::CanBus, axis: &str| bus.driver.nodes.iter().any(|node| node.axis.name() == axis);
     let is_on_bus = |axis: &str| robot.can.iter().any(|bus| has(bus, axis));
     let without = robot.axes().iter().filter(|axis| !is_on_line(axis) && !is_on_bus(axis));
-    let without: Vec<String> = without.map(|axis| format!("{axis:?}")).collect();
-    if without.is_empty() { String::new() } else { format!(": no drive has axis = {}", without.join(", ")) }
+    let without = without.map(|axis| format!("{axis:?}")).collect::<Vec<_>>().join(", ");
+    let base = |root: settings::Node| {
+        let kind = root.below("base")?.below("kind")?;
+        Some(format!("{}: base.kind = {}", kind.origin, kind.value))
+    };
+    let base = Config::tree(&place.config, place.sim, &place.sets).ok().and_then(base);
+    if let (Some(base), false) = (base, without.is_empty()) {
+        return format!(
+            "{base}: expected a drive of each axis: no [[can.<bus>.nodes]] or [serial.<name>] has {without}"
+        );
+    }
+    let axes = if robot.base.is_none() { "both axes".into() } else { robot.axes().join(", ") };
+    let lines = if robot.serial.is_empty() { "" } else { ", alone or with the tables [serial.<name>]" };
+    let why = if without.is_empty() { String::new() } else { format!(": no drive has axis = {without}") };
+    format!("driver_canbus: robot.toml has no [can.<bus>] with {axes}{lines}{why}")
 }
 
 /// `driver_canbus`: the CAN buses that the drives are on, and the serial lines.
@@ -647,10 +674,7 @@ pub(crate) fn canbus(place: &RobotLocation, config: &Config, guarded: bool) -> R
     let mut buses = robot.can.clone();
     buses.iter_mut().try_for_each(|bus| sheets::read(place, bus))?;
     let Some((_, usual)) = robot.motion(&buses) else {
-        let axes = if robot.base.is_none() { "both axes".into() } else { robot.axes().join(", ") };
-        let lines = if robot.serial.is_empty() { "" } else { ", alone or with the tables [serial.<name>]" };
-        let why = undriven(robot);
-        return refused(format!("driver_canbus: robot.toml has no [can.<bus>] with {axes}{lines}{why}"));
+        return refused(unmoved(place, robot));
     };
     let buses = robot.buses_of_motion(&buses);
     buses.iter().try_for_each(|bus| sheets::check_inputs(place, bus, &robot.stop))?;

@@ -116,9 +116,12 @@ impl Surroundings {
         let is_first = self.deadlines.get(Timer::Watchdog).is_none_or(|deadline| deadline == Instant::ZERO);
         let worked = |place| !is_first && !self.critical_missing.contains(&place);
         // In PAUSE, sensor drivers go on measuring; in ERROR and STOP a module does not do the work on which motion
-        // depends.
+        // depends. Of itself this module knows the state earlier than the watchdog.
         let works = |place: usize| {
             let name = &self.critical[place];
+            if name == NAME {
+                return runs(name);
+            }
             let state = row(name).map_or(common::DataState::STOP, |row| row.state);
             runs(name) && (WORKING.contains(&state) || state == common::DataState::UNKNOWN && worked(place))
         };
@@ -407,6 +410,14 @@ mod tests {
             around.on_processes(at(0), &list);
             assert_eq!(around.objection(at(0)).is_none(), works, "{state}");
         }
+        let mut own = surroundings(vec![NAME.into()], vec![], false);
+        let mut rows = processes(&[NAME]);
+        rows.processes[0].state = common::DataState::INIT;
+        own.on_processes(at(0), &rows);
+        assert_eq!(own.objection(at(0)), None, "its state as the watchdog knew it before it began to run");
+        rows.processes[0].phase = common::Process::TERMINATING;
+        own.on_processes(at(0), &rows);
+        assert_eq!(own.objection(at(0)), Some(Objection::Critical(0)));
         for state in [common::DataState::RUN, common::DataState::UNKNOWN] {
             list.processes[0].state = state;
             around.on_processes(at(0), &list);
