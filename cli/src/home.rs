@@ -43,8 +43,9 @@ pub fn home(common: &Common, command: &Home) -> Outcome {
                 return Err(format!("there is no axis {}{others}", command.axis).into());
             }
             Heard::Message(message) => {
-                let failed = error_of(&message, DRIVER).filter(|error| error.number == Code::HomingFailed as i32);
-                if let Some(error) = failed {
+                // It failed, or was refused: as long as the robot moves it has no other reason.
+                let ends = [Code::HomingFailed, Code::CommandForbidden].map(|code| code as i32);
+                if let Some(error) = error_of(&message, DRIVER).filter(|error| ends.contains(&error.number)) {
                     return Err(Failed::from(error.message.clone()));
                 }
             }

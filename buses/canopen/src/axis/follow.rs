@@ -11,6 +11,8 @@ use base::{Duration, Instant};
 const PART: f64 = 0.25;
 /// Part of the least deviation by which an axis moves that does not stand.
 const MOVES: f64 = 1.0 / 3.0;
+/// Time in which an axis that moved has stopped, to turn round.
+const TURNS: Duration = Duration::from_millis(150);
 /// Time allowed beyond the ramp, or the way.
 const REACTION: Duration = Duration::from_secs(1);
 
@@ -103,6 +105,8 @@ pub struct Reach {
     config: ReachConfig,
     target: Option<f64>,
     measured: f64,
+    /// Way from the position measured before; NaN if unknown.
+    step: f64,
     watch: Option<Way>,
 }
 
@@ -118,14 +122,29 @@ struct Way {
     target: f64,
     direction: f64,
     reached: f64,
+    /// Since when it turns round: its target has moved to its other side, and it only moves away from it, as it has to
+    /// stop first. It makes its way from where it has stopped.
+    turns: Option<Instant>,
 }
 
 impl Way {
     /// Takes the way made from one measured position to the next.
-    fn take(&mut self, target: f64, least: f64, before: f64, position: f64) {
+    fn take(&mut self, now: Instant, target: f64, least: f64, (before, position): (f64, f64)) {
         let direction = (target - self.reached).signum();
         if direction != self.direction || libm::fabs(target - self.target) > least {
-            (self.target, self.direction, self.reached) = (target, (target - before).signum(), before);
+            let direction = (target - before).signum();
+            if direction != self.direction {
+                let moved = now.since(self.moved.1) < TURNS;
+                self.turns = moved.then_some(now);
+            }
+            (self.target, self.direction, self.reached) = (target, direction, before);
+        }
+        self.turns = self.turns.filter(|_| (position - before) * self.direction < 0.0);
+        if let Some(since) = self.turns {
+            self.reached = position;
+            if now.since(since) < TURNS {
+                self.moved.1 = now;
+            }
         }
         let made = (position - self.reached) * self.direction;
         if made > 0.0 {
@@ -139,7 +158,7 @@ impl Reach {
     /// An axis that is not asked to move.
     #[must_use]
     pub fn new(config: ReachConfig) -> Self {
-        Self { config, target: None, measured: f64::NAN, watch: None }
+        Self { config, target: None, measured: f64::NAN, step: f64::NAN, watch: None }
     }
 
     /// The target in force; `None` while the axis is not enabled, or does something else.
@@ -155,12 +174,13 @@ impl Reach {
     /// A measured position. Returns the alarm once, and again after as long a time.
     pub fn measure(&mut self, now: Instant, position: f64) -> Option<NotFollowing> {
         let before = core::mem::replace(&mut self.measured, position);
+        self.step = position - before;
         let target = self.target?;
         let Some(way) = &mut self.watch else {
             self.arm(now);
             return None;
         };
-        way.take(target, self.config.least, before, position);
+        way.take(now, target, self.config.least, (before, position));
         if way.left <= way.moved.0 - MOVES * self.config.least {
             way.moved = (way.left, now);
         }
@@ -185,13 +205,15 @@ impl Reach {
         let target = self.target.unwrap_or(self.measured);
         let way = libm::fabs(target - self.measured);
         let takes = Duration::from_secs_f64((2.0 * way / self.config.speed.max(f64::MIN_POSITIVE)).min(60.0));
+        let direction = (target - self.measured).signum();
         self.watch = (way > self.config.least).then(|| Way {
             left: PART * way,
             until: now + REACTION + takes,
             moved: (PART * way, now),
             target,
-            direction: (target - self.measured).signum(),
+            direction,
             reached: self.measured,
+            turns: (self.step * direction < 0.0).then_some(now),
         });
     }
 }
@@ -306,6 +328,25 @@ mod tests {
         assert_eq!(steer(|_| 0.02, |_, position| position, 20.0), None, "below the least deviation");
     }
 
+    /// An axis that reaches its speed in 0.25 s, and takes its target 40 ms late; hands steer it away from a limit and
+    /// back again within any time.
+    #[test]
+    fn an_axis_that_has_to_turn_round_follows() {
+        for gap in (1..100).map(|step| f64::from(step) / 100.0) {
+            let target = |at: f64| if (1.2..1.2 + gap).contains(&at) { 0.0 } else { 0.31 };
+            let (mut targets, mut speed) = (std::collections::VecDeque::from([0.0; 4]), 0.0f64);
+            let moves = |target: f64, position: f64| {
+                targets.push_back(target);
+                let way = targets.pop_front().unwrap_or(target) - position;
+                // The speed from which it stops in the way that is left.
+                let wanted = (2.0 * 2.8 * libm::fabs(way)).sqrt().min(0.7) * way.signum();
+                speed += (wanted - speed).clamp(-0.028, 0.028);
+                position + 0.01 * speed
+            };
+            assert_eq!(steer_by(ALONE, target, moves, 4.0), None, "{gap} s");
+        }
+    }
+
     #[test]
     fn an_axis_whose_encoder_is_dead_or_reversed_is_found_soon_where_that_is_asked_for() {
         let dies = |after: f64, counts: f64| {
@@ -325,6 +366,13 @@ mod tests {
                 let alarm = dies(after, counts).unwrap();
                 assert!((0.32..0.4).contains(&(alarm - after)), "{counts} after {after}: {alarm}");
             }
+        }
+        // The target goes to and fro meanwhile.
+        let square = |at: f64| if (at / 0.3) as u32 % 2 == 0 { 0.3 } else { -0.3 };
+        for counts in [0.0, -1.0] {
+            let reversed = |target: f64, position: f64| position + counts * (target - position).clamp(-0.007, 0.007);
+            let alarm = steer_by(ALONE, square, reversed, 4.0).unwrap();
+            assert!(alarm <= 0.7, "{counts}: {alarm}");
         }
     }
 

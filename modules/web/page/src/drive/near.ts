@@ -1,5 +1,5 @@
 // What is near while driving: the range finders by direction, judged by the guard's fields. Pure; robot frame, m, rad.
-import type { DataGuard } from "../protocol";
+import type { DataGuard, Scan } from "../protocol";
 import { near as byDistance } from "../panels/sensors/near";
 import { type Side, side } from "../panels/sensors/geometry";
 import type { Sounding } from "../panels/sensors/readings";
@@ -14,6 +14,8 @@ const ORDER: Level[] = ["free", "unknown", "near", "close"];
 export const SECTORS = 12;
 
 type Fields = DataGuard["fields"];
+/** Corners of the robot. */
+type Outline = readonly (readonly [number, number])[];
 
 /** Whether a point is within a field, by the number of its edges that are crossed on the way to the left. */
 function within(x: number, y: number, field: Fields[number]): boolean {
@@ -35,6 +37,38 @@ export function level({ known, distance, x, y, theta }: Sounding, fields: Fields
   const [px, py] = [x + distance * Math.cos(theta), y + distance * Math.sin(theta)];
   const isIn = (kind: number) => fields.some((field) => field.kind === kind && within(px, py, field));
   return isIn(0) ? "close" : isIn(1) ? "near" : "free";
+}
+
+/** m from a point to the robot's outline; 0 within it. */
+function apart(x: number, y: number, outline: Outline): number {
+  let [nearest, inside] = [Infinity, false];
+  outline.forEach(([ax, ay], n) => {
+    const [bx, by] = outline[(n + 1) % outline.length] ?? [ax, ay];
+    const [dx, dy] = [bx - ax, by - ay];
+    const part = Math.min(Math.max(((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy || 1), 0), 1);
+    nearest = Math.min(nearest, Math.hypot(x - ax - part * dx, y - ay - part * dy));
+    if (ay > y !== by > y && x < (dx * (y - ay)) / dy + ax) inside = !inside;
+  });
+  return inside ? 0 : nearest;
+}
+
+/** What a lidar has met nearest to the robot in each direction of the ring; nothing is known of what it does not see
+ *  while it is silent, or reports a fault. */
+export function beams(scan: Scan, known: boolean, outline: Outline): Sounding[] {
+  const step = (2 * Math.PI) / SECTORS;
+  const whole = { id: 0, beam: step, age: null };
+  if (!known) return Array.from({ length: SECTORS }, (_, n) => ({ ...whole, x: 0, y: 0, theta: n * step, known: "unknown", distance: null }));
+  const found = new Map<number, Sounding>();
+  scan.x.forEach((x, k) => {
+    const y = scan.y[k] ?? NaN;
+    const [theta, distance] = [Math.atan2(y, x), apart(x, y, outline)];
+    if (!Number.isFinite(theta) || !Number.isFinite(distance)) return;
+    const sector = (Math.round(theta / step) + SECTORS) % SECTORS;
+    if (distance >= (found.get(sector)?.distance ?? Infinity)) return;
+    const [fromX, fromY] = [x - distance * Math.cos(theta), y - distance * Math.sin(theta)];
+    found.set(sector, { ...whole, beam: 0, x: fromX, y: fromY, theta, known: "measured", distance });
+  });
+  return [...found.values()];
 }
 
 /** The gravest level of each direction, the first one ahead, counter-clockwise; null where nothing looks. */

@@ -1,10 +1,11 @@
-// The proximity ring around the knob, and the nearest distance in figures: the robot looks up, as the pad drives.
+// The proximity ring around the knob, and the nearest distance in figures, of sonars and lidars: the robot looks up, as the
+// pad drives.
 import { useEffect } from "preact/hooks";
 import { num } from "../format";
 import { sonars } from "../panels/sensors/readings";
 import { drive, fresh, scene, sensors, stale } from "../state";
 import { t } from "../words";
-import { type Level, nearest, ring, SECTORS } from "./near";
+import { beams, type Level, nearest, ring, SECTORS } from "./near";
 import { commanded } from "./session";
 
 /** ms of the vibration when something comes into the way that the robot needs to stop. */
@@ -16,10 +17,12 @@ const RADIUS = 37;
 function soundings() {
   const part = sensors.value;
   if (!part || !scene.value) return null;
-  const { shown, rows } = sonars(part, scene.value.sonar.field_of_view);
-  if (rows === undefined) return null;
+  const { outline, sonar } = scene.value;
+  const { shown, rows } = sonars(part, sonar.field_of_view);
+  const seen = part.scans.flatMap((scan) => (scan.value ? beams(scan.value, !stale(scan) && scan.value.status === 0, outline) : []));
+  if (rows === undefined && part.scans.length === 0) return null;
   const guard = fresh(drive.value?.guard);
-  return { grey: stale(shown), rows, fields: guard && drive.value?.bound ? guard.fields : null };
+  return { grey: rows !== undefined && stale(shown), rows: [...(rows ?? []), ...seen], fields: guard && drive.value?.bound ? guard.fields : null };
 }
 
 export function Ring() {
