@@ -54,10 +54,11 @@ export function Nearest() {
   }, [level, drives]);
   if (!all) return null;
   const unknown = all.rows.filter(({ known }) => known === "unknown").length;
+  const nothing = all.grey || (unknown > 0 && unknown === all.rows.length);
   return (
     <p class={`nearest figure tone-${level === "close" ? "bad" : level === "near" ? "warn" : "off"}`}>
-      {all.grey ? t("Range finders not known") : found ? `${WORDS[level]} ${num(found.distance, 2, "m")} ${t(found.side)}` : t("Nothing within range")}
-      {!all.grey && unknown > 0 ? <b class="tone-bad"> · {t("{n} not known", { n: unknown })}</b> : null}
+      {nothing ? t("Range finders not known") : found ? `${WORDS[level]} ${num(found.distance, 2, "m")} ${t(found.side)}` : t("Nothing within range")}
+      {!nothing && unknown > 0 ? <b class="tone-bad"> · {t("{n} not known", { n: unknown })}</b> : null}
     </p>
   );
 }
