@@ -368,7 +368,7 @@ mod tests {
             }
         }
         // The target goes to and fro meanwhile.
-        let square = |at: f64| if (at / 0.3) as u32 % 2 == 0 { 0.3 } else { -0.3 };
+        let square = |at: f64| if ((at / 0.3) as u32).is_multiple_of(2) { 0.3 } else { -0.3 };
         for counts in [0.0, -1.0] {
             let reversed = |target: f64, position: f64| position + counts * (target - position).clamp(-0.007, 0.007);
             let alarm = steer_by(ALONE, square, reversed, 4.0).unwrap();
