@@ -52,23 +52,17 @@ function apart(x: number, y: number, outline: Outline): number {
   return inside ? 0 : nearest;
 }
 
-/** What a lidar has met nearest to the robot in each direction of the ring; nothing is known of what it does not see
- *  while it is silent, or reports a fault. */
+/** What the beams of a lidar have met, from the robot's outline on; nothing is known while it is silent, or reports a
+ *  fault. */
 export function beams(scan: Scan, known: boolean, outline: Outline): Sounding[] {
   const step = (2 * Math.PI) / SECTORS;
-  const whole = { id: 0, beam: step, age: null };
-  if (!known) return Array.from({ length: SECTORS }, (_, n) => ({ ...whole, x: 0, y: 0, theta: n * step, known: "unknown", distance: null }));
-  const found = new Map<number, Sounding>();
-  scan.x.forEach((x, k) => {
+  if (!known) return Array.from({ length: SECTORS }, (_, n) => ({ id: 0, x: 0, y: 0, theta: n * step, beam: step, known: "unknown", distance: null, age: null }));
+  return scan.x.flatMap((x, k): Sounding[] => {
     const y = scan.y[k] ?? NaN;
     const [theta, distance] = [Math.atan2(y, x), apart(x, y, outline)];
-    if (!Number.isFinite(theta) || !Number.isFinite(distance)) return;
-    const sector = (Math.round(theta / step) + SECTORS) % SECTORS;
-    if (distance >= (found.get(sector)?.distance ?? Infinity)) return;
-    const [fromX, fromY] = [x - distance * Math.cos(theta), y - distance * Math.sin(theta)];
-    found.set(sector, { ...whole, beam: 0, x: fromX, y: fromY, theta, known: "measured", distance });
+    if (!Number.isFinite(theta) || !Number.isFinite(distance)) return [];
+    return [{ id: 0, x: x - distance * Math.cos(theta), y: y - distance * Math.sin(theta), theta, beam: 0, known: "measured", distance, age: null }];
   });
-  return [...found.values()];
 }
 
 /** The gravest level of each direction, the first one ahead, counter-clockwise; null where nothing looks. */
