@@ -43,9 +43,10 @@ pub fn home(common: &Common, command: &Home) -> Outcome {
                 return Err(format!("there is no axis {}{others}", command.axis).into());
             }
             Heard::Message(message) => {
-                // It failed, or was refused: as long as the robot moves it has no other reason.
-                let ends = [Code::HomingFailed, Code::CommandForbidden].map(|code| code as i32);
-                if let Some(error) = error_of(&message, DRIVER).filter(|error| ends.contains(&error.number)) {
+                // Once it has begun, what is refused is another command.
+                let ends =
+                    |number| number == Code::HomingFailed as i32 || !begun && number == Code::CommandForbidden as i32;
+                if let Some(error) = error_of(&message, DRIVER).filter(|error| ends(error.number)) {
                     return Err(Failed::from(error.message.clone()));
                 }
             }
