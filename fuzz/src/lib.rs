@@ -6,6 +6,8 @@
 
 use arbitrary::{Arbitrary, Unstructured};
 
+mod lidars;
+
 /// A target: its name, which is also its folder's in `corpus`, and the function.
 pub type Target = (&'static str, fn(&[u8]));
 
@@ -41,7 +43,10 @@ targets! {
     lcm_eventlog,
     lcm_tcpq,
     lcm_types,
-    lidar_engines,
+    lidar_hokuyo,
+    lidar_ld,
+    lidar_rplidar,
+    lidar_sick,
     logs,
     messages,
     modbus_engines,

@@ -151,7 +151,12 @@ fn samples(mode: Mode, bytes: &[u8], next: &[u8], advance_q6: u32) -> Vec<Sample
 
 /// The least value of 12 bits whose range is not shorter, for ranges up to that of the scheme.
 pub fn compress(range_mm: i32) -> u32 {
-    (0..4096).find(|scaled| expand(*scaled).0 >= range_mm).unwrap_or(4095)
+    let (mut low, mut high) = (0, 4095);
+    while low < high {
+        let middle = (low + high) / 2;
+        if expand(middle).0 < range_mm { low = middle + 1 } else { high = middle }
+    }
+    low
 }
 
 /// Writes a capsule: angle of the first sample, 1/64°; ranges, mm, one for each sample. The express capsule has the
@@ -217,6 +222,15 @@ mod tests {
         }
         // The longest range of the scheme: 28672 mm and below.
         assert_eq!(last, (1 << 14) + (767 << 4));
+    }
+
+    #[test]
+    fn the_least_scaled_range_is_found() {
+        for range_mm in 0..30_000 {
+            let scaled = compress(range_mm);
+            assert!(expand(scaled).0 >= range_mm || scaled == 4095, "{range_mm} mm");
+            assert!(scaled == 0 || expand(scaled - 1).0 < range_mm, "{range_mm} mm");
+        }
     }
 
     #[test]
