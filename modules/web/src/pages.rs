@@ -7,6 +7,7 @@ use axum::extract::State;
 use axum::http::{HeaderMap, header};
 use axum::response::{Html, IntoResponse};
 use serde::Serialize;
+use serde_json::{Value, json};
 
 /// Layout for import into Foxglove.
 const LAYOUT: &str = include_str!("../../../conf/foxglove/advee.json");
@@ -25,12 +26,24 @@ pub async fn index(State(app): State<App>, headers: HeaderMap) -> impl IntoRespo
 }
 
 /// `/layout.json`
-pub async fn layout() -> impl IntoResponse {
+pub async fn layout(State(app): State<App>) -> impl IntoResponse {
     let headers = [
         (header::CONTENT_TYPE, "application/json"),
         (header::CONTENT_DISPOSITION, "attachment; filename=\"advee.json\""),
     ];
-    (headers, LAYOUT)
+    (headers, with_scans(app.hub().names()))
+}
+
+/// The layout with the lidars among these topics in its scene: their names are the robot's own.
+fn with_scans<'a>(topics: impl Iterator<Item = &'a str>) -> String {
+    let Ok(mut layout) = serde_json::from_str::<Value>(LAYOUT) else { return LAYOUT.to_string() };
+    for scan in topics.filter(|topic| topic.starts_with("/scan/")) {
+        // Without a field Foxglove takes the intensities for colors.
+        layout["configById"]["3D!advee"]["topics"][scan] = json!({
+            "visible": true, "colorField": "range", "colorMode": "flat", "flatColor": "#0369a1ff", "pointSize": 4,
+        });
+    }
+    layout.to_string()
 }
 
 /// State of the server; counters since its start.
@@ -119,7 +132,16 @@ mod tests {
 
     #[test]
     fn the_layout_is_json() {
-        let layout: serde_json::Value = serde_json::from_str(LAYOUT).unwrap();
+        let layout: Value = serde_json::from_str(LAYOUT).unwrap();
         assert!(layout["configById"].is_object() && !layout["layout"].is_null());
+    }
+
+    #[test]
+    fn the_layout_shows_the_lidars_that_the_robot_has() {
+        let layout: Value = serde_json::from_str(&with_scans(["/scene", "/scan/top"].into_iter())).unwrap();
+        let before: Value = serde_json::from_str(LAYOUT).unwrap();
+        let topics = |layout: &Value| layout["configById"]["3D!advee"]["topics"].as_object().unwrap().clone();
+        assert_eq!(topics(&layout)["/scan/top"]["visible"], true);
+        assert_eq!(topics(&layout).len(), topics(&before).len() + 1, "nothing else");
     }
 }

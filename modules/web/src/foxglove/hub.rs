@@ -138,6 +138,11 @@ impl Hub {
         self.order.len()
     }
 
+    /// Names of the topics, in order of appearance.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.order.iter().filter_map(|number| self.topics.get(number)).map(|entry| &*entry.topic.name)
+    }
+
     /// Number of viewers.
     #[must_use]
     pub fn viewers(&self) -> usize {
