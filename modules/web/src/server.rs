@@ -14,11 +14,15 @@ use hyper::service::{Service, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use nix::sys::socket::{setsockopt, sockopt};
-use std::io;
+use std::io::{self, IoSlice};
 use std::net::{IpAddr, SocketAddr, TcpListener};
+use std::pin::Pin;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::task::{Context, Poll};
 use std::thread::JoinHandle;
 use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::TcpStream;
 use tokio::sync::watch;
 
@@ -152,7 +156,12 @@ async fn serve(
     // Small messages are sent at once.
     let _ = stream.set_nodelay(true);
     let seat = Seat(Arc::downgrade(place));
+    // Browsers connect before they need it, and keep connections: only a request that has begun can be refused.
+    let began = Arc::new(AtomicBool::new(false));
+    let stream = Heard { stream, began: began.clone() };
+    let heard = began.clone();
     let service = service_fn(move |request: hyper::Request<Incoming>| {
+        heard.store(false, Relaxed);
         let mut request = request.map(Body::new);
         request.extensions_mut().insert(Reached(reached));
         request.extensions_mut().insert(Peer(peer));
@@ -165,12 +174,55 @@ async fn serve(
     tokio::select! {
         served = http.serve_connection(TokioIo::new(stream), service).with_upgrades() => {
             if let Err(error) = served
-                && (error.is_parse() || error.is_timeout())
+                && (error.is_parse() || error.is_timeout() && began.load(Relaxed))
             {
                 stats.refuse(Refusal::Http, &error.to_string());
             }
         }
         () = place.evicted() => stats.refuse(Refusal::Connections, ""),
+    }
+}
+
+/// A connection that notes whether anything was read from it.
+struct Heard {
+    stream: TcpStream,
+    began: Arc<AtomicBool>,
+}
+
+impl AsyncRead for Heard {
+    fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, into: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
+        let before = into.filled().len();
+        let read = Pin::new(&mut self.stream).poll_read(cx, into);
+        if into.filled().len() > before {
+            self.began.store(true, Relaxed);
+        }
+        read
+    }
+}
+
+impl AsyncWrite for Heard {
+    fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
+        Pin::new(&mut self.stream).poll_write(cx, bytes)
+    }
+
+    fn poll_write_vectored(
+        mut self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+        parts: &[IoSlice<'_>],
+    ) -> Poll<io::Result<usize>> {
+        Pin::new(&mut self.stream).poll_write_vectored(cx, parts)
+    }
+
+    fn is_write_vectored(&self) -> bool {
+        self.stream.is_write_vectored()
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_flush(cx)
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_shutdown(cx)
     }
 }
 
@@ -221,18 +273,27 @@ mod tests {
         }
 
         async fn send(&self, method: &str, peer: u8, path: &str, headers: &str) -> Option<(TcpStream, String)> {
+            let client = self.connect(peer).await?;
+            let request = format!("{method} {path} HTTP/1.1\r\nHost: localhost\r\n{headers}\r\n");
+            write(&client, &request).await;
+            let answer = read(&client).await;
+            Some((client, answer))
+        }
+
+        async fn connect(&self, peer: u8) -> Option<TcpStream> {
             let place = Arc::new(self.connections.admit(IpAddr::from([10, 0, 0, peer]))?);
             let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
             let client = TcpStream::connect(listener.local_addr().unwrap()).await.unwrap();
             let (stream, from) = listener.accept().await.unwrap();
             let (router, stats) = (self.router.clone(), self.stats.clone());
             tokio::spawn(async move { serve(stream, from.ip(), router, &place, &stats).await });
-            let request = format!("{method} {path} HTTP/1.1\r\nHost: localhost\r\n{headers}\r\n");
-            client.writable().await.unwrap();
-            assert_eq!(client.try_write(request.as_bytes()).unwrap(), request.len());
-            let answer = read(&client).await;
-            Some((client, answer))
+            Some(client)
         }
+    }
+
+    async fn write(client: &TcpStream, text: &str) {
+        client.writable().await.unwrap();
+        assert_eq!(client.try_write(text.as_bytes()).unwrap(), text.len());
     }
 
     /// What comes next; empty at the end.
@@ -264,6 +325,22 @@ mod tests {
             }
             let (_client, answer) = bench.ask(1, "/view", TOKEN).await.unwrap();
             assert!(answer.starts_with("HTTP/1.1 200 ") && !answer.contains("connection: close"), "{answer}");
+        });
+    }
+
+    #[test]
+    fn a_connection_that_says_nothing_is_closed_and_one_that_says_half_is_refused() {
+        run(async {
+            let bench = Bench::new("silent");
+            let silent = bench.connect(1).await.unwrap();
+            let (idle, answer) = bench.ask(1, "/", "").await.unwrap();
+            assert!(answer.starts_with("HTTP/1.1 200 "), "{answer}");
+            let half = bench.connect(1).await.unwrap();
+            write(&half, "GET / HTT").await;
+            for client in [silent, idle, half] {
+                assert_eq!(read(&client).await, "", "it is closed");
+            }
+            assert_eq!(bench.stats.counts().http, 1);
         });
     }
 
