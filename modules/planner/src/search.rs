@@ -112,8 +112,11 @@ pub struct Search {
     escaped: bool,
     /// True if the footprint itself touches an obstacle at the start.
     contact: bool,
-    /// Parameters for which the buffers are valid: a resolution and a margin; those of the heuristic.
-    lattice_for: Option<(f64, Margin)>,
+    /// True if the steps are short: with the usual ones everything within reach was tried.
+    short: bool,
+    /// Parameters for which the buffers are valid: a resolution, a margin, and short steps or not; those of the
+    /// heuristic.
+    lattice_for: Option<(f64, Margin, bool)>,
     reach_for: Option<ReachKey>,
     body: Body,
     outline: Outline,
@@ -157,6 +160,7 @@ impl Search {
             depth: 0.0,
             escaped: false,
             contact: false,
+            short: false,
             lattice_for: None,
             reach_for: None,
             body: Body::default(),
@@ -246,7 +250,7 @@ impl Search {
 
     /// Begins with the margin of this attempt, or with the next one with which the goal is free.
     fn begin_margin(&mut self, field: &Field) {
-        (self.before, self.first, self.pass, self.escaped) = (self.work, 0, 0, false);
+        (self.before, self.first, self.pass, self.escaped, self.short) = (self.work, 0, 0, false, false);
         let Some(margin) = self.limits.margin(self.attempt) else {
             self.phase = Phase::NoPath(SearchError::Unreachable);
             return;
@@ -254,23 +258,28 @@ impl Search {
         self.margin = margin;
         let costs = self.limits.costs;
         let body = self.limits.body(margin.grown, field);
-        let resolution = field.frame().resolution;
-        if self.lattice_for != Some((resolution, margin)) {
-            self.lattice_for = Some((resolution, margin));
-            let looks = |part: Move| (body.spacing(part, margin.deviation), body.way(part));
-            self.lattice.build(&self.limits, resolution, looks);
-        }
-        self.lattice.turn_to(self.start.theta.radians());
+        self.body = body;
+        self.make_steps(field);
         self.toll = ProximityCost::new(body.inner, &costs);
         // One heuristic for all smaller margins: its cells are larger than their differences.
         self.reach_margin = if self.attempt == 0 { margin.grown } else { self.limits.margin_least() };
         let narrow = self.limits.body(self.reach_margin, field);
         self.reach_toll = ProximityCost::new(narrow.inner, &costs);
-        self.body = body;
         match self.find_target(field) {
             Ok(()) => self.phase = Phase::Reach,
             Err(why) => self.fail(field, why),
         }
+    }
+
+    /// Makes the steps for this margin.
+    fn make_steps(&mut self, field: &Field) {
+        let (body, margin, resolution) = (self.body, self.margin, field.frame().resolution);
+        if self.lattice_for != Some((resolution, margin, self.short)) {
+            self.lattice_for = Some((resolution, margin, self.short));
+            let looks = |part: Move| (body.spacing(part, margin.deviation), body.way(part));
+            self.lattice.build(&self.limits, resolution, self.short, looks);
+        }
+        self.lattice.turn_to(self.start.theta.radians());
     }
 
     /// Ends the search with a reason, or begins again with a smaller margin.
@@ -563,9 +572,16 @@ impl Search {
         }
         self.pass += 1;
         if !found {
-            // A path missed by the coarse pass may still exist.
-            let again = why != SearchError::Budget && PASSES[self.pass - 1].1 > 1;
-            return if again { self.begin_pass(field) } else { self.fail(field, why) };
+            // A path missed by the coarse pass, or by steps that have no room, may still exist.
+            let coarse = PASSES[self.pass - 1].1 > 1;
+            if why == SearchError::Budget || !coarse && self.short {
+                return self.fail(field, why);
+            }
+            if !coarse {
+                (self.short, self.pass) = (true, self.pass - 1);
+                self.make_steps(field);
+            }
+            return self.begin_pass(field);
         }
         let last = self.pass >= PASSES.len() || self.work > self.allowed();
         self.smoothing.begin(self.start, &self.raw);

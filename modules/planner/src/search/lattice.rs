@@ -90,17 +90,18 @@ pub(crate) struct Lattice {
 }
 
 impl Lattice {
-    /// Makes steps of at least three cells, with curvatures of zero, half and the whole limit, and those of a base that
-    /// turns on the spot or goes sideways. `looks` has the distance between the samples of a motion, m or rad, and the
+    /// Makes steps of about three cells, or `short` ones, which just leave their cell, with curvatures of zero, half and
+    /// the whole limit, and those of a base that turns on the spot or goes sideways. `looks` has the distance between the samples of a motion, m or rad, and the
     /// way of the fastest corner for each metre or rad.
-    pub(crate) fn build(&mut self, limits: &Limits, resolution: f64, looks: impl Fn(Move) -> (f64, f64)) {
+    pub(crate) fn build(&mut self, limits: &Limits, resolution: f64, short: bool, looks: impl Fn(Move) -> (f64, f64)) {
         let radius = limits.radius_m;
         self.steps.clear();
         self.local.clear();
         self.heading = None;
-        let bins = (libm::round(3.0 * resolution / (radius * STEP)) as i32).max(1);
-        // A step must leave its cell in any direction.
-        let bins = bins.max(libm::ceil(1.5 * resolution / (radius * STEP)) as i32);
+        // Turn of a step that leaves its cell in any direction, in headings.
+        let least = |cells: f64| libm::ceil(cells * resolution / (radius * STEP)) as i32;
+        let usual = (libm::round(3.0 * resolution / (radius * STEP)) as i32).max(least(1.5)).max(1);
+        let bins = if short { least(core::f64::consts::SQRT_2).max(1) } else { usual };
         let length = f64::from(bins) * radius * STEP;
         for reverse in [false, true] {
             for steering in [0i8, 1, -1, 2, -2] {

@@ -86,6 +86,18 @@ fn a_parking_place_is_entered_in_reverse_when_it_must_be() {
 }
 
 #[test]
+fn a_narrow_bay_is_left_in_short_moves() {
+    // Bay of 1.25 m by 0.8 m beside the way, parallel to it: no step of 15 cm has room in it.
+    let bay = [(1.0, 1.2, 3.0, 1.2), (3.0, 1.2, 3.0, 0.4), (3.0, 0.4, 4.25, 0.4), (4.25, 0.4, 4.25, 1.2)];
+    let field = room(&[&bay[..], &[(4.25, 1.2, 9.0, 1.2)]].concat());
+    let start = Pose::new(3.35, 0.825, 0.0);
+    let mut search = Search::new(limits());
+    let path = search.plan(&field, start, pose_goal(7.0, 3.0, 0.0), Budget::default()).unwrap();
+    check(&field, start, path);
+    assert!(path.cusps().count() >= 4);
+}
+
+#[test]
 fn a_door_is_passed_if_the_robot_fits_through() {
     for (door, fits) in [(1.0, true), (0.75, true), (0.55, false)] {
         let field = room(&[(5.0, 0.0, 5.0, 4.0 - door / 2.0), (5.0, 4.0 + door / 2.0, 5.0, 8.0)]);
