@@ -91,8 +91,8 @@ pub(crate) struct Lattice {
 
 impl Lattice {
     /// Makes steps of about three cells, or `short` ones, which just leave their cell, with curvatures of zero, half and
-    /// the whole limit, and those of a base that turns on the spot or goes sideways. `looks` has the distance between the samples of a motion, m or rad, and the
-    /// way of the fastest corner for each metre or rad.
+    /// the whole limit, and those of a base that turns on the spot or goes sideways. `looks` has the distance between
+    /// the samples of a motion, m or rad, and the way of the fastest corner for each metre or rad.
     pub(crate) fn build(&mut self, limits: &Limits, resolution: f64, short: bool, looks: impl Fn(Move) -> (f64, f64)) {
         let radius = limits.radius_m;
         self.steps.clear();
