@@ -214,6 +214,23 @@ scene("a gamepad drives while its shoulder button is held, and its going away is
   await robot.bus.stops();
 });
 
+scene("a drive that is lost while the pad is held turns the pad off under the finger, with the reason; then it takes a new press", async ({ robot, visit }) => {
+  const v = await visit({ profile: "phone", as: "operator" });
+  await v.takeControl();
+  const hand = await v.drive();
+  await robot.fault("propulsion", "silent");
+  await v.pad.getByText(/^The propulsion drive /).waitFor();
+  await robot.bus.stops();
+  await robot.advee("fault", "propulsion", "none");
+  await until("the pad is on again", 30, async () => (await v.pad.getAttribute("aria-disabled")) === "false");
+  await hand.move(hand.x, hand.y - hand.half * 0.7);
+  await robot.bus.silent();
+  await hand.up();
+  const again = await v.drive();
+  await again.up();
+  await robot.bus.stops();
+});
+
 /** What takes the page out of the hand. */
 const GONE: [string, (v: Visit) => Promise<void>][] = [
   [
