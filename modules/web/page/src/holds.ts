@@ -21,6 +21,9 @@ export function barred(holds: readonly HoldRow[]): HoldRow | null {
   return holds.find(({ module, code }) => module === "driver_canbus" && BARS.includes(code)) ?? null;
 }
 
+/** A drive that does not answer, whatever its protocol. */
+export const isDriveGone = ({ code }: HoldRow): boolean => code === HOLD.DriveLost || code === HOLD.DriveBootFailed || code === HOLD.DriveDeaf;
+
 /** The weightiest of each module: they are in order, those of a module together. */
 export function leading(holds: readonly HoldRow[]): HoldRow[] {
   return holds.filter((row, n) => row.module !== holds[n - 1]?.module);

@@ -17,6 +17,12 @@ test("what is not well is the second word, with how many more there are", () => 
   deepEqual(second([concern("same"), concern("position lost")], "same"), { tone: "warn", words: "position lost", more: 0 });
 });
 
+test("what bars the motion comes before what follows from it", () => {
+  const follows = [concern("silent: the estimate does not know how the robot moves", "error"), concern("position lost")];
+  deepEqual(second(follows, "left drive (node 1) cannot be started", "the left drive is lost"), { tone: "bad", words: "the left drive is lost", more: 2 });
+  deepEqual(second([], "", "the left drive is lost"), { tone: "bad", words: "the left drive is lost", more: 0 });
+});
+
 test("a lost position is never a good one", () => {
   const at = (quality: number) => position({ quality } as DataEstimate, { long: 0.11, short: 0.1, angle: 0, heading: 0 });
   deepEqual([0, 1, 2, 3].map((quality) => at(quality).tone), ["warn", "warn", "info", "good"]);

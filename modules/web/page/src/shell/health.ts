@@ -18,9 +18,11 @@ export interface Second {
   more: number;
 }
 
-/** The second word; null: all is well. A cause that the reason already names is not said twice. */
-export function second(concerns: readonly Concern[], reason: string): Second | null {
+/** The second word; null: all is well. A cause that the reason already names is not said twice. `cause`: what bars the motion,
+ *  in words; the concerns that are newer may be what follows from it. */
+export function second(concerns: readonly Concern[], reason: string, cause: string | null = null): Second | null {
   const others = concerns.filter(({ words }) => words !== reason);
+  if (cause !== null) return { tone: "bad", words: cause, more: others.length };
   const [first] = others;
   return first ? { tone: first.weight === "error" ? "bad" : "warn", words: said(first.words), more: others.length - 1 } : null;
 }

@@ -5,12 +5,13 @@ import {
 } from "lucide-preact";
 import type { ComponentChildren } from "preact";
 import { num } from "../format";
+import { barred } from "../holds";
 import type { StatusWord } from "../protocol";
 import { authority, commandLink, connection, demo, drive, fresh, holder, me, role, roundTrip, scene, system } from "../state";
 import { stopped } from "../operate";
 import type { Tone } from "../ui/badge";
 import { type Plain, t } from "../words";
-import { said as translated } from "../words/said";
+import { holdWords, said as translated } from "../words/said";
 import { battery, position, second, type Second, type Vital, worse } from "./health";
 
 const WORDS: Record<StatusWord, { word: Plain; icon: LucideIcon; tone: Tone }> = {
@@ -37,7 +38,8 @@ export function status(): { word: string; icon: LucideIcon; tone: Tone; reason: 
   if (now.state === "lost") {
     return { word: t("Not known"), icon: WifiOff, tone: "bad", reason: t("no connection; {word} at the last message", { word: word.toLowerCase() }) };
   }
-  const not = second(drive.value?.concerns ?? [], said.reason);
+  const bar = barred(drive.value?.holds ?? []);
+  const not = second(drive.value?.concerns ?? [], said.reason, bar && holdWords(bar));
   if (stopped.value) {
     const reason = t("an operator stopped it; it stays until an operator resumes");
     return { word: t(WORDS.stopped.word), icon: OctagonPause, tone: worse("warn", not?.tone ?? "warn"), reason, second: not };

@@ -229,6 +229,9 @@ export const TEXTS = {
   "The hand was never off": "Ovládání nebylo uvolněno",
   "Let go of the pad, then press anew.": "Uvolněte ovládací plochu a stiskněte ji znovu.",
   "Something is wrong": "Něco není v pořádku",
+  "Check the supply of the drive, its cable with both plugs, and that its node id is that of the configuration.":
+    "Zkontrolujte napájení pohonu, jeho kabel s oběma konektory a zda má číslo uzlu (node id) podle konfigurace.",
+  "It is started again by itself once it answers; then press the pad anew.": "Jakmile odpoví, spustí se znovu sám; pak stiskněte ovládací plochu znovu.",
   "Look at the modules and errors; a module that failed is started anew by itself.":
     "Podívejte se na moduly a chyby; modul, který selhal, se sám spustí znovu.",
   "The steering is being homed": "Zatáčení hledá výchozí polohu",
