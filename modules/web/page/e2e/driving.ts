@@ -220,7 +220,6 @@ scene("a drive that is lost while the pad is held turns the pad off under the fi
   const hand = await v.drive();
   await robot.fault("propulsion", "silent");
   await v.pad.getByText(/^The propulsion drive /).waitFor();
-  await v.card(/^The propulsion drive /).getByText(/supply.*cable.*node id/).waitFor();
   await v.page.locator(".status-second").filter({ hasText: "the propulsion drive" }).waitFor();
   await robot.bus.stops();
   await robot.advee("fault", "propulsion", "none");

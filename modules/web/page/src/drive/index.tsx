@@ -18,7 +18,7 @@ import { Creep } from "./creep";
 import { Pad } from "./pad";
 import { Nearest } from "./ring";
 import type { Demand } from "./hold";
-import { begin, closedWays, commanded, endedWhy, gamepadName, goesSideways, PACES, pace, padSideways } from "./session";
+import { begin, closedWays, commanded, endedWhy, fingerOn, gamepadName, goesSideways, PACES, pace, padSideways } from "./session";
 import "./drive.css";
 
 export function Drive() {
@@ -92,8 +92,8 @@ function Control() {
 function Why() {
   const part = drive.value;
   const last = useRef<{ said: Advice | null; part: DrivePart | null }>({ said: null, part: null });
-  // While a hand is on the pad nothing above it comes or goes: the pad would move under the hand.
-  if (commanded.value === null) {
+  // While a hand is on the pad nothing above it comes or goes: the pad would move under the hand. It says itself why it is off.
+  if (commanded.value === null && !fingerOn.value) {
     last.current = { said: part && connection.value.state === "live" ? advice(part, stopped.value) : null, part };
   }
   const { said } = last.current;

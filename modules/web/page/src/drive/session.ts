@@ -65,6 +65,8 @@ export const creeping = signal(false);
 
 /** What the hand wants now; null: no hand. */
 export const commanded = signal<({ source: Source } & Demand) | null>(null);
+/** A finger is on the pad, whether it drives or its hold has ended. */
+export const fingerOn = signal(false);
 /** The base goes sideways; and the pad's sides mean that, not turning. */
 export const goesSideways = computed(() => (scene.value?.limits.sideways ?? 0) > 0);
 export const padSideways = signal(false);

@@ -11,7 +11,7 @@ import { authority, commandLink, connection, demo, drive, fresh, holder, me, rol
 import { stopped } from "../operate";
 import type { Tone } from "../ui/badge";
 import { type Plain, t } from "../words";
-import { holdWords, said as translated } from "../words/said";
+import { said as translated } from "../words/said";
 import { battery, position, second, type Second, type Vital, worse } from "./health";
 
 const WORDS: Record<StatusWord, { word: Plain; icon: LucideIcon; tone: Tone }> = {
@@ -38,8 +38,7 @@ export function status(): { word: string; icon: LucideIcon; tone: Tone; reason: 
   if (now.state === "lost") {
     return { word: t("Not known"), icon: WifiOff, tone: "bad", reason: t("no connection; {word} at the last message", { word: word.toLowerCase() }) };
   }
-  const bar = barred(drive.value?.holds ?? []);
-  const not = second(drive.value?.concerns ?? [], said.reason, bar && holdWords(bar));
+  const not = second(drive.value?.concerns ?? [], said.reason, barred(drive.value?.holds ?? []));
   if (stopped.value) {
     const reason = t("an operator stopped it; it stays until an operator resumes");
     return { word: t(WORDS.stopped.word), icon: OctagonPause, tone: worse("warn", not?.tone ?? "warn"), reason, second: not };
