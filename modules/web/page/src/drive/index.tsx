@@ -245,7 +245,7 @@ function Hands() {
       <div class="choice" role="group" aria-label={t("How fast at most")}>
         {(Object.keys(PACES) as (keyof typeof PACES)[]).map((each) => (
           <Button key={each} pressed={pace.value === each} onClick={() => (pace.value = each)}>
-            {each === "slow" ? t("Slow") : t("Normal")} {limits ? num(limits.speed * PACES[each], 1, "m/s") : ""}
+            {each === "slow" ? t("Slow") : t("Normal")} {limits ? num(limits.speed * PACES[each], 2, "m/s") : ""}
           </Button>
         ))}
       </div>
