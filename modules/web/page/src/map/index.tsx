@@ -17,7 +17,7 @@ import { EditorTools } from "./editor-tools";
 import { isOn, type Layer, toggle } from "./layers";
 import { PlannerControls } from "./planner-controls";
 import { modeWords } from "./planner";
-import { goalWords, guardWords, measureWords, positionWords } from "./words";
+import { goalWords, guardWords, measureWords, positionWords, standsWhy } from "./words";
 import "./map.css";
 
 export function MapView() {
@@ -29,7 +29,7 @@ export function MapPanel({ alone = false }: { alone?: boolean }) {
   const looker = useRef<Looker | null>(null);
   const [follow, setFollow] = useState(false);
   const part = drive.value;
-  const goal = goalWords(part?.goal.value, isHeld(part?.holds ?? []) === true);
+  const goal = goalWords(part?.goal.value, isHeld(part?.holds ?? []) === true, standsWhy(part));
   useEffect(() => () => begin("look"), []);
   return (
     <section class="map" aria-label={t("Map")}>

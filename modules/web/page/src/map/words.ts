@@ -1,8 +1,9 @@
 // The map in words, for who does not see it and for who wants figures.
 import { deg, num } from "../format";
+import { HOLD } from "../numbers";
 import type { DataGoal, DrivePart } from "../protocol";
 import { type Plain, t } from "../words";
-import { said } from "../words/said";
+import { holdWords, said } from "../words/said";
 
 const QUALITIES = ["lost", "searching", "coarse", "fine"] as const satisfies Plain[];
 
@@ -14,6 +15,9 @@ export function isLost(part: DrivePart | null): boolean {
   const quality = part?.estimate.value?.quality ?? 0;
   return quality === 0 || (quality === 1 && (part?.ellipse?.long ?? Infinity) > NOWHERE);
 }
+
+/** The state of a goal that is driven to. */
+const DRIVES = 1;
 
 /** The robot is on its way to it, or held on the way. */
 export const isActive = (goal: DataGoal): boolean => [1, 3].includes(goal.status);
@@ -50,11 +54,32 @@ export function guardWords(part: DrivePart | null): string {
   return `${words[0]?.toUpperCase()}${words.slice(1)}.${occupied && ` ${occupied}`}`;
 }
 
-/** The planner's own words where it has some, except that it waits because an operator stopped the robot. */
-export function goalWords(goal: DataGoal | null | undefined, stopped = false): string {
+/** Causes by which the guard makes the robot stand. */
+const GUARD: readonly number[] = [HOLD.GuardStops, HOLD.GuardSlows, HOLD.GuardUnknown, HOLD.GuardBlind, HOLD.GuardMotion, HOLD.GuardLate, HOLD.GuardBounds];
+
+/** Why the robot stands, where the planner's words say something else: it takes space that is not known for somebody, and
+ *  says that it drives while the guard holds it, or before it begins. Empty: the planner's words are right. */
+export function standsWhy(part: DrivePart | null): string {
+  const goal = part?.goal.value;
+  if (!part || !goal || part.status.word !== "waiting" || part.status.reason !== goal.message) return "";
+  const guard = part.guard.value;
+  // What is not a number permits nothing. Where the robot stands, the cause is that of the way that is bounded most.
+  const closed = guard !== null && Math.min(guard.forward ?? 0, guard.backward ?? 0) <= 0;
+  const unknown = closed && guard.code === HOLD.GuardUnknown ? said(`nothing is known of ${guard.subject}`) : "";
+  const own = part.holds.filter(({ module }) => module === "planner");
+  if (own.some((row) => row.code === HOLD.SomebodyNear)) return unknown;
+  if (goal.status !== DRIVES || own.length > 0) return "";
+  const notice = part.holds.find((row) => row.module === "driver_canbus" && GUARD.includes(row.code));
+  return unknown || (notice ? holdWords(notice) : t("stands for a moment on the way to waypoint {n}", { n: goal.waypoint + 1 }));
+}
+
+/** The planner's own words where it has some, except that it waits because an operator stopped the robot, or stands for
+ *  another reason, `why`. */
+export function goalWords(goal: DataGoal | null | undefined, stopped = false, why = ""): string {
   if (goal && stopped && isActive(goal)) return t("Waits: an operator stopped the robot.");
   if (!goal) return t("No data of the planner yet.");
   const left = goal.remaining === null || !isActive(goal) ? "" : `, ${t("{distance} to go", { distance: num(goal.remaining, 1, "m") })}`;
+  if (why) return `${t("Waits: {why}", { why })}${left}.`;
   const own = said(goal.message);
   if (own) return `${own[0]?.toUpperCase()}${own.slice(1)}${left}.`;
   const to = { n: goal.waypoint + 1 };

@@ -6,6 +6,7 @@ import {
 import type { ComponentChildren } from "preact";
 import { num } from "../format";
 import { barred } from "../holds";
+import { standsWhy } from "../map/words";
 import type { StatusWord } from "../protocol";
 import { authority, commandLink, connection, demo, drive, fresh, holder, me, role, roundTrip, scene, system } from "../state";
 import { stopped } from "../operate";
@@ -44,7 +45,7 @@ export function status(): { word: string; icon: LucideIcon; tone: Tone; reason: 
     return { word: t(WORDS.stopped.word), icon: OctagonPause, tone: worse("warn", not?.tone ?? "warn"), reason, second: not };
   }
   // A check mark says that all is well.
-  return { word, icon: not && said.word === "ready" ? CircleAlert : icon, tone: worse(tone, not?.tone ?? tone), reason: translated(said.reason), second: not };
+  return { word, icon: not && said.word === "ready" ? CircleAlert : icon, tone: worse(tone, not?.tone ?? tone), reason: standsWhy(drive.value) || translated(said.reason), second: not };
 }
 
 export function StatusBar({ children }: { children: ComponentChildren }) {

@@ -21,8 +21,8 @@ const NO_TEXTS = new Set([
   "700 11px system-ui, sans-serif", "12px system-ui, sans-serif", "advee web code", "Language, jazyk", "English", "Čeština", "Uncaught", "Foreign", "Unknown",
   // Keys, a command line, and a line of a world's file.
   "Delete", "Backspace", "Enter", "advee up --sim --speed 1 --world ./", "# ---- drawn on the map; below this line the scenario editor writes anew",
-  // With a number, by cs/robot.ts.
-  "the robot answered ",
+  // With a number or a name, by cs/robot.ts.
+  "the robot answered ", "nothing is known of ",
 ]);
 
 /** All literals of the page's source, and those among them that people read. */

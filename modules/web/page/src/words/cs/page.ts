@@ -447,6 +447,8 @@ export const TEXTS = {
   "Something is in the protective field.": "V ochranném poli něco je.",
   "Something is in the warning field.": "Ve výstražném poli něco je.",
   "Waits: an operator stopped the robot.": "Čeká: robota zastavila obsluha.",
+  "Waits: {why}": "Čeká: {why}",
+  "stands for a moment on the way to waypoint {n}": "na chvíli stojí na cestě k bodu {n}",
   "No data of the planner yet.": "Od plánovače zatím nic nepřišlo.",
   "{distance} to go": "zbývá {distance}",
   "No goal": "Bez cíle",
