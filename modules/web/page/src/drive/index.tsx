@@ -6,6 +6,7 @@ import { standing } from "../holds";
 import { MapPanel } from "../map";
 import { Destination } from "../map/drive-to";
 import { MapStrip } from "../map/strip";
+import { boundWords } from "../map/words";
 import { order, release, resume, sentence, stopped, take } from "../operate";
 import { authority, connection, demo, drive, fresh, holder, may, scene, stale, whyNot } from "../state";
 import type { DrivePart } from "../protocol";
@@ -208,11 +209,10 @@ function Motion() {
 /** The bound that holds, and by what. */
 function Bounded() {
   const part = drive.value;
-  const bound = part?.bound;
-  if (!part || !bound) return null;
+  if (!part?.bound) return null;
   return (
     <p class={stale(part.guard) ? "bound is-stale" : "bound"}>
-      <ShieldAlert size={16} aria-hidden /> <span>{[sentence(bound.words), ...closedWays.value].join(" ")}</span>
+      <ShieldAlert size={16} aria-hidden /> <span>{[...boundWords(part).map(sentence), ...closedWays.value].join(" ")}</span>
     </p>
   );
 }

@@ -1,7 +1,7 @@
-import { equal } from "node:assert/strict";
+import { deepEqual, equal } from "node:assert/strict";
 import { test } from "node:test";
 import type { DataGoal, DrivePart } from "../protocol";
-import { goalWords, guardWords, measureWords, positionWords, standsWhy } from "./words";
+import { boundWords, goalWords, guardWords, measureWords, positionWords, standsWhy } from "./words";
 
 const GOAL: DataGoal = { timestamp: 0, id: 1, waypoint: 3, status: 1, remaining: 2.04, message: "" };
 
@@ -57,10 +57,34 @@ test("what the guard permits is told with what is in its fields", () => {
     ({
       bound: words === null ? null : { words, speed: 0.32, limits: true, creeping: false },
       guard: { value: { fields: occupied.map((each, kind) => ({ kind, occupied: each })) } },
+      motion: { value: { speed: 0, source: "" } },
+      commands: [],
+      velocity_commands: [],
     }) as unknown as DrivePart;
   equal(guardWords(part("at most 0.32 m/s forward: sonar 3", false, true)), "At most 0.32 m/s forward: sonar 3. Something is in the warning field.");
   equal(guardWords(part("must not move forward: sonar 3", true, true)), "Must not move forward: sonar 3. Something is in the protective and the warning field.");
   equal(guardWords(part("at most 0.66 m/s forward", false, false)), "At most 0.66 m/s forward.");
   equal(guardWords(part(null)), "", "a robot without a guard");
   equal(guardWords(null), "");
+});
+
+test("the bound is told of the way that is asked for, and of both where neither is free", () => {
+  const part = (wish: number, forward: number | null, backward: number | null, speed = 0, more: object = {}) =>
+    ({
+      bound: { words: "must not move forward: lidar top", speed: 0, limits: true, creeping: false, ...more },
+      guard: { value: { forward, backward } },
+      motion: { value: { speed, source: "web:Jana" } },
+      commands: [{ source: "planner", speed: 0.3 }, { source: "web:Jana", speed: wish }],
+      velocity_commands: [],
+    }) as unknown as DrivePart;
+  const told = "must not move forward: lidar top";
+  deepEqual(boundWords(part(0.3, 0, 0.8)), [told]);
+  deepEqual(boundWords(part(0, 0, 0.8)), [told], "nobody asks");
+  deepEqual(boundWords(part(-0.3, 0, 0.8)), ["at most 0.80 m/s backward"]);
+  deepEqual(boundWords(part(-0.3, 0, 0)), ["must not move backward", told]);
+  deepEqual(boundWords(part(-0.3, 0, null)), ["must not move backward", told], "what is no number permits nothing");
+  deepEqual(boundWords(part(-0.3, 0, 0.8, -0.3)), [told], "the robot's words are of the way that it drives");
+  deepEqual(boundWords(part(-0.3, 0, 0, 0, { creeping: true })), [told]);
+  const velocity = { ...part(0.3, 0, 0.8), velocity_commands: [{ source: "web:Jana", vx: -0.2 }] } as unknown as DrivePart;
+  deepEqual(boundWords(velocity), ["at most 0.80 m/s backward"]);
 });

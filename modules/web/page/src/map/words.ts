@@ -43,15 +43,39 @@ export function measureWords(all: readonly { x: number; y: number }[]): string {
   return t("{length} over {n} pieces, the last of {last}, to {heading}.", { ...line, n: pieces.length, last: num(Math.hypot(last.dx, last.dy), 2, "m") });
 }
 
+/** m/s below which a robot counts as standing, as in the guard. */
+const STANDS = 0.02;
+
+/** Speed forward that the source asks for which moves the robot, or would; null: nobody does. */
+function asked(part: DrivePart): number | null {
+  const { source } = part.motion.value ?? { source: "" };
+  const velocity = part.velocity_commands.find((each) => each.source === source);
+  return velocity?.vx ?? part.commands.find((each) => each.source === source)?.speed ?? null;
+}
+
+/** The bound of the guard in sentences without a stop: the robot's words, which at standstill are of the way that is bounded
+ *  most; of the other way where somebody asks for that, and of both where neither is free. */
+export function boundWords(part: DrivePart): string[] {
+  const [bound, guard] = [part.bound, part.guard.value];
+  if (!bound) return [];
+  const [speed, wish] = [part.motion.value?.speed ?? 0, asked(part) ?? 0];
+  const [ahead, back] = [guard?.forward ?? NaN, guard?.backward ?? NaN];
+  const told = speed > STANDS ? 1 : speed < -STANDS || back < ahead ? -1 : 1;
+  if (guard === null || bound.creeping || wish === 0 || Math.sign(wish) === told) return [said(bound.words)];
+  const most = wish > 0 ? ahead : back;
+  const limit = { speed: num(most, 2, "m/s") };
+  // What is not a number permits nothing.
+  if (most > 0) return [wish > 0 ? t("at most {speed} forward", limit) : t("at most {speed} backward", limit)];
+  return [wish > 0 ? t("must not move forward") : t("must not move backward"), said(bound.words)];
+}
+
 /** What the guard permits, and what is in its fields; empty for a robot without a guard. */
 export function guardWords(part: DrivePart | null): string {
-  const bound = part?.bound;
-  if (!part || !bound) return "";
+  if (!part?.bound) return "";
   const fields = (part.guard.value?.fields ?? []).filter((field) => field.occupied);
   const [near, far] = [fields.some(({ kind }) => kind === 0), fields.some(({ kind }) => kind !== 0)];
   const occupied = near && far ? t("Something is in the protective and the warning field.") : near ? t("Something is in the protective field.") : far ? t("Something is in the warning field.") : "";
-  const words = said(bound.words);
-  return `${words[0]?.toUpperCase()}${words.slice(1)}.${occupied && ` ${occupied}`}`;
+  return [...boundWords(part).map((words) => `${words[0]?.toUpperCase()}${words.slice(1)}.`), ...(occupied ? [occupied] : [])].join(" ");
 }
 
 /** Causes by which the guard makes the robot stand. */
