@@ -373,6 +373,7 @@ export const TEXTS = {
   Remove: "Odebrat",
   Download: "Stáhnout",
   "Name of the route": "Název trasy",
+  "When it is run, the robot begins anew, and whoever has control must take it again.": "Spuštěním začne robot znovu a kdo má řízení, musí je znovu převzít.",
   "Run the scenario": "Spustit scénář",
   "The simulation runs the scenario.": "Simulace běží v tomto scénáři.",
   "The simulation refused it: {why}": "Simulace jej odmítla: {why}",
