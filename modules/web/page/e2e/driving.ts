@@ -70,6 +70,8 @@ scene("on a phone there is the map from behind the robot until control is taken,
   await v.takeControl();
   await v.pad.waitFor();
   equal(await strip.isVisible(), false);
+  const [status, notices] = await v.page.evaluate(() => ["header.status", ".toasts"].map((each) => document.querySelector(each)?.getBoundingClientRect()));
+  ok(status && notices && status.bottom <= 200 && notices.top >= status.bottom, `notices from ${notices?.top} on, the status to ${status?.bottom}`);
   await v.press(v.button("Release control"));
   await strip.waitFor();
 });

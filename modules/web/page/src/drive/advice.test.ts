@@ -31,6 +31,12 @@ test("each cause that needs a hand has its advice, whatever its words", () => {
   equal(advice(part({ word: "stopped", holds: [[HOLD.Centering]], homed: false }), false)?.offer, null);
 });
 
+test("who has control is not told to take it", () => {
+  const steps = (yours: boolean) => advice(part({ word: "stopped", holds: [[HOLD.ModulePaused]] }), true, yours)?.steps;
+  deepEqual(steps(false), ["Take control, if nobody has it.", "Slide “Resume”, where Stop was."]);
+  deepEqual(steps(true), ["Slide “Resume”, where Stop was."]);
+});
+
 test("a cause that no hand ends is the title, with what to check", () => {
   const lost = advice(part({ word: "fault", reason: "left drive (node 1) cannot be started", holds: [[HOLD.DriveLost, { subject: "left", words: "the left drive is lost" }], [HOLD.NotReleased]] }), false);
   deepEqual([lost?.title, lost?.steps[0], lost?.offer], ["The left drive is lost", "left drive (node 1) cannot be started", "modules"]);

@@ -13,8 +13,9 @@ export interface Advice {
   offer: "home" | "resume" | "modules" | null;
 }
 
-/** null: there is nothing to be done, it moves or only waits to be told. */
-export function advice(part: DrivePart, held: boolean): Advice | null {
+/** `held`: an operator stopped it; `yours`: this page has control. null: there is nothing to be done, it moves or only waits to
+ *  be told. */
+export function advice(part: DrivePart, held: boolean, yours = false): Advice | null {
   if (part.stop.value?.engaged) {
     const who = pausedByWords(part);
     const row = pausedBy(part.holds);
@@ -28,7 +29,7 @@ export function advice(part: DrivePart, held: boolean): Advice | null {
       offer: null,
     };
   }
-  if (held) return { title: t("Stopped by an operator"), steps: [t("Take control, if nobody has it."), t("Slide “Resume”, where Stop was.")], offer: null };
+  if (held) return { title: t("Stopped by an operator"), steps: [...(yours ? [] : [t("Take control, if nobody has it.")]), t("Slide “Resume”, where Stop was.")], offer: null };
   const bar = barred(part.holds);
   if (bar) return { title: capital(holdWords(bar)), steps: mended(bar, part), offer: "modules" };
   if (leads(part.holds, HOLD.PlannerLatched)) {

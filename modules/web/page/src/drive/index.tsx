@@ -95,7 +95,7 @@ function Why() {
   const last = useRef<{ said: Advice | null; part: DrivePart | null }>({ said: null, part: null });
   // While a hand is on the pad nothing above it comes or goes: the pad would move under the hand. It says itself why it is off.
   if (commanded.value === null && !fingerOn.value) {
-    last.current = { said: part && connection.value.state === "live" ? advice(part, stopped.value) : null, part };
+    last.current = { said: part && connection.value.state === "live" ? advice(part, stopped.value, authority.value.yours) : null, part };
   }
   const { said } = last.current;
   if (!said) return null;
@@ -265,9 +265,13 @@ function Hands() {
         {now ? demanded(now) : endedWhy.value ? sentence(endedWhy.value) : t("Let go, and it stops.")}
       </p>
       <p class="why-not hands-keys">
-        <Keyboard size={16} aria-hidden /> {drive.value?.bound ? t("arrow keys or WASD, with C to creep") : t("arrow keys or WASD")}
-        {goesSideways.value ? `; ${t("Q and E go sideways")}` : null}
-        <Gamepad2 size={16} aria-hidden /> {pads(gamepadName.value, Boolean(drive.value?.bound))}
+        <span>
+          <Keyboard size={16} aria-hidden /> {drive.value?.bound ? t("arrow keys or WASD, with C to creep") : t("arrow keys or WASD")}
+          {goesSideways.value ? `; ${t("Q and E go sideways")}` : null}
+        </span>
+        <span>
+          <Gamepad2 size={16} aria-hidden /> {pads(gamepadName.value, Boolean(drive.value?.bound))}
+        </span>
       </p>
     </Card>
   );

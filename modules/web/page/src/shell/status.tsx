@@ -4,6 +4,7 @@ import {
   BatteryMedium, CircleAlert, CirclePause, CirclePlay, CircleCheck, CircleHelp, Gauge, Hand, Hourglass, KeyRound, LocateFixed, type LucideIcon, OctagonPause, TriangleAlert, Wifi, WifiOff,
 } from "lucide-preact";
 import type { ComponentChildren } from "preact";
+import { useEffect, useRef } from "preact/hooks";
 import { num } from "../format";
 import { barred } from "../holds";
 import { standsWhy } from "../map/words";
@@ -50,8 +51,16 @@ export function status(): { word: string; icon: LucideIcon; tone: Tone; reason: 
 
 export function StatusBar({ children }: { children: ComponentChildren }) {
   const { word, icon: Icon, tone, reason, second } = status();
+  const bar = useRef<HTMLElement>(null);
+  useEffect(() => {
+    const shown = bar.current as HTMLElement;
+    const room = () => document.documentElement.style.setProperty("--status", `${shown.offsetHeight}px`);
+    const sized = new ResizeObserver(room);
+    sized.observe(shown);
+    return () => sized.disconnect();
+  }, []);
   return (
-    <header class={`status tone-${tone}`}>
+    <header ref={bar} class={`status tone-${tone}`}>
       {children}
       <p class="visually-hidden" role="status" aria-atomic>
         {/* What is spoken: no figure that changes ten times a second. */}
