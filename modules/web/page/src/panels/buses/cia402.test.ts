@@ -32,7 +32,7 @@ test("each statusword of 16 bits has one state at most", () => {
 test("a motor controller without CANopen has plain words, and none of CiA 402", () => {
   const said = ([nmt, word]: [number, number]) => controllerState(nmt, word).name;
   const all = ([[5, 0x27], [5, 0x07], [127, 0x40], [127, 0x08], [-1, 0], [5, 0]] as [number, number][]).map(said);
-  deepEqual(all, ["follows commands", "quick stop", "off, or being started", "fault", "does not answer, or is refused", "not known"]);
+  deepEqual(all, ["follows commands", "quick stop", "off or starting", "fault", "not available", "not known"]);
   equal(controllerState(-1, 0x27).sort, "fault", "what is not heard follows nothing");
 });
 

@@ -48,14 +48,14 @@ export function powerState(statusword: number): PowerState {
 const PLAIN: readonly (readonly [statusword: number, name: string, sort: Sort])[] = [
   [0x27, "follows commands", "moves"],
   [0x07, "quick stop", "stands"],
-  [0x40, "off, or being started", "rests"],
+  [0x40, "off or starting", "rests"],
   [0x08, "fault", "fault"],
 ];
 
 /** State of a motor controller without CANopen, in plain words: it knows neither NMT nor statusword. */
 export function controllerState(nmt: number, statusword: number): PowerState {
   const found = nmt === -1 ? undefined : PLAIN.find(([word]) => word === statusword);
-  return found ? { name: found[1], sort: found[2] } : { name: nmt === -1 ? "does not answer, or is refused" : "not known", sort: "fault" };
+  return found ? { name: found[1], sort: found[2] } : { name: nmt === -1 ? "not available" : "not known", sort: "fault" };
 }
 
 const BITS: readonly (readonly [bit: number, name: string])[] = [
