@@ -51,7 +51,7 @@ pub fn of(robot: &Robot, world: Option<&World>, map: Option<&Map>) -> Scene {
 
 /// Limits of a hand on the page.
 pub(crate) fn hand_limits(robot: &Robot) -> Limits {
-    let (speed, base) = (robot.limits.manual_mps(), robot.base.as_ref());
+    let (speed, base) = (robot.hand_mps(), robot.base.as_ref());
     Limits {
         speed,
         steering: robot.limits.steering_rad,
@@ -95,5 +95,32 @@ fn temperature_limits(robot: &Robot) -> Vec<TemperatureLimit> {
 
 fn drives(robot: &Robot, bus: &CanBus) -> impl Iterator<Item = Drive> {
     let drive = |node: &Node| Drive { name: node.axis.name(), node: robot.node_number(bus, node.id) };
-    bus.driver.nodes.iter().map(drive)
+    // Others have no objects.
+    bus.driver.nodes.iter().filter(|node| node.is_canopen()).map(drive)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Config;
+    use std::path::Path;
+
+    fn robot(name: &str) -> Robot {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../conf").join(name);
+        Config::load(&folder, true, &[]).unwrap().robot
+    }
+
+    #[test]
+    fn the_drives_with_objects_are_those_of_canopen() {
+        let names = |name| of(&robot(name), None, None).drives.iter().map(|drive| drive.name).collect::<Vec<_>>();
+        assert_eq!(names("advee"), ["propulsion", "steering"]);
+        assert!(names("rover").is_empty(), "ODrives");
+    }
+
+    #[test]
+    fn a_hand_is_offered_no_more_than_the_robot_drives() {
+        let speed = |name| rounded(hand_limits(&robot(name)).speed);
+        // The limit by hand, the distance of PAUSE without commands, and a robot that senses nothing.
+        assert_eq!(["advee", "courier", "rover"].map(speed), [0.6, 0.424, 0.3]);
+    }
 }

@@ -721,6 +721,14 @@ impl Robot {
         (self.guard.ranging == guard::Ranging::None).then_some(self.guard.speed_blind)
     }
 
+    /// Highest speed at which a hand drives it, m/s: by its limits, by the distance in which PAUSE must stop it, and by
+    /// the guard where nothing is sensed.
+    #[must_use]
+    pub fn hand_mps(&self) -> f64 {
+        let stops = self.stop.speed_max_mps(self.limits.quick_stop_mps2, self.rolls_without_commands());
+        self.limits.manual_mps().min(stops).min(self.blind_mps().unwrap_or(f64::INFINITY))
+    }
+
     /// True if a board counts the way of wheels that are not driven.
     #[must_use]
     pub fn has_odometry(&self) -> bool {

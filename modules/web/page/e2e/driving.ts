@@ -70,6 +70,8 @@ scene("on a phone there is the map from behind the robot until control is taken,
   await v.takeControl();
   await v.pad.waitFor();
   equal(await strip.isVisible(), false);
+  const [status, notices] = await v.page.evaluate(() => ["header.status", ".toasts"].map((each) => document.querySelector(each)?.getBoundingClientRect()));
+  ok(status && notices && status.bottom <= 200 && notices.top >= status.bottom, `notices from ${notices?.top} on, the status to ${status?.bottom}`);
   await v.press(v.button("Release control"));
   await strip.waitFor();
 });
@@ -211,6 +213,24 @@ scene("a gamepad drives while its shoulder button is held, and its going away is
   await pad({ stick: -0.9 });
   await robot.bus.moves(false);
   await pad({ there: false });
+  await robot.bus.stops();
+});
+
+scene("a drive that is lost while the pad is held turns the pad off under the finger, with the reason; then it takes a new press", async ({ robot, visit }) => {
+  const v = await visit({ profile: "phone", as: "operator" });
+  await v.takeControl();
+  const hand = await v.drive();
+  await robot.fault("propulsion", "silent");
+  await v.pad.getByText(/^The propulsion drive /).waitFor();
+  await v.page.locator(".status-second").filter({ hasText: "the propulsion drive" }).waitFor();
+  await robot.bus.stops();
+  await robot.advee("fault", "propulsion", "none");
+  await until("the pad is on again", 30, async () => (await v.pad.getAttribute("aria-disabled")) === "false");
+  await hand.move(hand.x, hand.y - hand.half * 0.7);
+  await robot.bus.silent();
+  await hand.up();
+  const again = await v.drive();
+  await again.up();
   await robot.bus.stops();
 });
 

@@ -91,6 +91,34 @@ scene("a long press on the map begins a goal; looking around commands nothing", 
   deepEqual(robot.bus.commands, []);
 });
 
+for (const profile of PROFILES) {
+  scene(`a planner that waits for an operator is resumed from the map, once control is taken (${profile})`, async ({ robot, visit }) => {
+    const v = await visit({ profile, as: "operator" });
+    await v.go("Map");
+    const slide = v.page.locator(".map").getByRole("slider", { name: /^Resume/ });
+    equal(await slide.count(), 0, "nothing waits");
+    // A goal far away, and a stop on the way to it.
+    await robot.advee("goal", "18.5,3");
+    await until("it drives", 30, async () => {
+      if (robot.bus.stands(HOLD.PlannerLatched)) await robot.advee("state", "planner", "RUN");
+      return robot.bus.truth().speed > 0.05;
+    });
+    await v.press(v.stop);
+    await v.shows("Stopped");
+    await robot.goOn();
+    await slide.waitFor();
+    equal(await slide.getAttribute("aria-disabled"), "true", "without control");
+    await (v.touches ? slide.tap({ force: true }) : slide.click({ force: true }));
+    await v.press(v.page.locator(".toast").getByRole("button", { name: "Take control" }));
+    await until("it may be resumed", 10, async () => (await slide.getAttribute("aria-disabled")) === "false");
+    deepEqual(v.said.map(({ type }) => type), ["stop", "take"], "control alone resumes nothing");
+    await v.slide(/^Resume/);
+    await slide.waitFor({ state: "detached" });
+    deepEqual(v.said.map(({ type }) => type), ["stop", "take", "resume"]);
+    await until("it drives on", 20, () => robot.bus.truth().speed > 0.05);
+  });
+}
+
 scene("a way of waypoints and the world's own route are said as they are", async ({ robot, visit }) => {
   const v = await visit({ as: "operator" });
   await v.takeControl();

@@ -21,6 +21,8 @@ for (const profile of PROFILES) {
     await v.shows("Ready");
     await robot.fault("propulsion", "silent");
     await until("the status tells of the drive", 20, async () => /propulsion/.test((await v.reason.textContent()) ?? ""));
+    await v.page.locator(".status-second").filter({ hasText: /^the propulsion drive / }).waitFor();
+    await v.card(/^The propulsion drive /).getByText(/supply.*cable.*node id/).waitFor();
     await robot.advee("fault", "propulsion", "none");
     await v.shows("Ready", 30);
   });

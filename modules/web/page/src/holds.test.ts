@@ -1,7 +1,7 @@
 import { deepEqual, equal, ok } from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
-import { isHeld, leading, leads, pausedByWords, standing, waitsForHand } from "./holds";
+import { barred, isHeld, leading, leads, pausedByWords, standing, waitsForHand } from "./holds";
 import { HOLD } from "./numbers";
 import type { DrivePart, HoldRow } from "./protocol";
 
@@ -41,4 +41,11 @@ test("an operator's stop is seen by its number, whatever else stands", () => {
 test("a hand ends what is latched, but for the planner's cause", () => {
   const [fault, planner, other] = [row(213), row(HOLD.PlannerLatched, { latched: true }), row(HOLD.PauseLatched, { latched: true })];
   deepEqual([[fault], [fault, planner], [fault, planner, other]].map((rows) => waitsForHand(rows)), [false, false, true]);
+});
+
+test("a fault bars the pad although the hand on it must let go first, or the line is latched", () => {
+  const [lost, hand, pause] = [row(HOLD.DriveLost, { subject: "left" }), row(HOLD.NotReleased, { latched: true }), row(HOLD.PauseLatched, { latched: true })];
+  deepEqual([[lost], [lost, hand], [lost, pause], [hand], [pause], []].map((rows) => barred(rows)?.code ?? null), [213, 213, 213, null, null, null]);
+  equal(barred([row(HOLD.RangingLost, { module: "planner" })]), null, "what only the planner minds");
+  deepEqual([[lost, hand], [hand]].map((rows) => waitsForHand(rows)), [false, false]);
 });

@@ -7,6 +7,23 @@ import { holdWho } from "./words/said";
 const PAUSE: readonly number[] = [HOLD.PauseBumper, HOLD.PauseFloor, HOLD.PauseButton, HOLD.PauseField, HOLD.PauseInput, HOLD.PauseOther];
 const IDLE: readonly number[] = [HOLD.NobodyCommands, HOLD.NoGoal, HOLD.ModeManual, HOLD.WaitsForPeople];
 
+/** Causes that end by themselves, or by what is done at the robot: no press of a pad moves it while one stands. */
+const BARS: readonly number[] = [
+  HOLD.PauseUnknown, HOLD.PauseFieldUnknown, HOLD.PauseInputUnknown,
+  HOLD.BusDown, HOLD.BusUnacknowledged, HOLD.SecondMaster,
+  HOLD.DriveBooting, HOLD.DriveBootFailed, HOLD.DriveLost, HOLD.DriveDeaf, HOLD.DriveDropped, HOLD.DriveStuck, HOLD.DriveNoTarget, HOLD.DriveFault, HOLD.DriveUnseen,
+  HOLD.SpeedExceeded, HOLD.FeedCut, HOLD.SecondWayLost, HOLD.FeedOff, HOLD.WheelStood,
+  HOLD.CriticalModule, HOLD.WatchdogSilent, HOLD.SecondRobot, HOLD.RangingLost,
+];
+
+/** The weightiest cause against the motion that no hand ends; null: none. */
+export function barred(holds: readonly HoldRow[]): HoldRow | null {
+  return holds.find(({ module, code }) => module === "driver_canbus" && BARS.includes(code)) ?? null;
+}
+
+/** A drive that does not answer, whatever its protocol. */
+export const isDriveGone = ({ code }: HoldRow): boolean => code === HOLD.DriveLost || code === HOLD.DriveBootFailed || code === HOLD.DriveDeaf;
+
 /** The weightiest of each module: they are in order, those of a module together. */
 export function leading(holds: readonly HoldRow[]): HoldRow[] {
   return holds.filter((row, n) => row.module !== holds[n - 1]?.module);
@@ -28,9 +45,10 @@ export function pausedByWords(part: DrivePart | null): string {
   return (row && holdWho(row)) || part?.stop.value?.source || t("somebody");
 }
 
-/** A latched cause that a hand ends by its press; that of the planner, a goal ends. */
+/** A latched cause that a hand ends by its press; that of the planner, a goal ends, and a hand that must let go first ends
+ *  nothing else. */
 export function waitsForHand(holds: readonly HoldRow[]): boolean {
-  return holds.some(({ code, latched }) => latched && code !== HOLD.PlannerLatched);
+  return holds.some(({ code, latched }) => latched && code !== HOLD.PlannerLatched && code !== HOLD.NotReleased);
 }
 
 /** driver_canbus was commanded into PAUSE or STOP; null: its list is not known. */

@@ -123,14 +123,16 @@ export function take(): Promise<boolean> {
   return order({ type: "take", from: from?.id ?? null }, t("You have control."));
 }
 
-/** Says why something may not be done. Where control is all that is missing it offers to take it, and to go on with `then`. */
-export function explain(why: string, then: () => void): void {
+/** Says why something may not be done. Where control is all that is missing it offers to take it, and to go on with `then`;
+ *  null: what is risky is done anew. */
+export function explain(why: string, then: (() => void) | null): void {
   const run = async () => {
-    const mine = { then, until: clock() + GRANTED };
+    const mine = then && { then, until: clock() + GRANTED };
     waiting = mine;
     if (!(await take()) && waiting === mine) waiting = null;
   };
-  toast(why, "warn", why === t(UNHELD) ? { label: t("Take control and continue"), run: () => void run() } : undefined);
+  const label = then ? t("Take control and continue") : t("Take control");
+  toast(why, "warn", why === t(UNHELD) ? { label, run: () => void run() } : undefined);
 }
 
 export async function release(): Promise<void> {

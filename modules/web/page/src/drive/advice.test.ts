@@ -1,4 +1,4 @@
-import { equal, ok } from "node:assert/strict";
+import { deepEqual, equal, ok } from "node:assert/strict";
 import { test } from "node:test";
 import { HOLD } from "../numbers";
 import type { DrivePart, HoldRow } from "../protocol";
@@ -29,6 +29,22 @@ test("each cause that needs a hand has its advice, whatever its words", () => {
   equal(advice(part({ word: "stopped", holds: [[221]], homed: false }), false)?.offer, "home");
   equal(advice(part({ word: "stopped", holds: [[HOLD.Homing]], homed: false }), false)?.offer, null);
   equal(advice(part({ word: "stopped", holds: [[HOLD.Centering]], homed: false }), false)?.offer, null);
+});
+
+test("who has control is not told to take it", () => {
+  const steps = (yours: boolean) => advice(part({ word: "stopped", holds: [[HOLD.ModulePaused]] }), true, yours)?.steps;
+  deepEqual(steps(false), ["Take control, if nobody has it.", "Slide “Resume”, where Stop was."]);
+  deepEqual(steps(true), ["Slide “Resume”, where Stop was."]);
+});
+
+test("a cause that no hand ends is the title, with what to check", () => {
+  const lost = advice(part({ word: "fault", reason: "left drive (node 1) cannot be started", holds: [[HOLD.DriveLost, { subject: "left", words: "the left drive is lost" }], [HOLD.NotReleased]] }), false);
+  deepEqual([lost?.title, lost?.steps[0], lost?.offer], ["The left drive is lost", "left drive (node 1) cannot be started", "modules"]);
+  for (const what of [/supply/, /cable/, /node id/]) ok(what.test(lost?.steps[1] ?? ""), String(what));
+  const stopping = advice(part({ word: "stopped", reason: "the robot is stopping: the left drive is lost", holds: [[HOLD.DriveLost]] }), false);
+  ok(stopping?.steps[0]?.includes("supply"));
+  const resumed = advice(part({ word: "fault", holds: [[HOLD.DriveFault, { words: "the left drive is in fault", remedy: "Check the errors." }], [HOLD.PlannerLatched, { module: "planner" }]] }), false);
+  deepEqual([resumed?.title, resumed?.steps, resumed?.offer], ["The left drive is in fault", ["Check the errors."], "modules"]);
 });
 
 test("what comes after a weightier cause is not advised yet", () => {

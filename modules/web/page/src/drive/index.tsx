@@ -6,6 +6,7 @@ import { standing } from "../holds";
 import { MapPanel } from "../map";
 import { Destination } from "../map/drive-to";
 import { MapStrip } from "../map/strip";
+import { boundWords } from "../map/words";
 import { order, release, resume, sentence, stopped, take } from "../operate";
 import { authority, connection, demo, drive, fresh, holder, may, scene, stale, whyNot } from "../state";
 import type { DrivePart } from "../protocol";
@@ -18,7 +19,7 @@ import { Creep } from "./creep";
 import { Pad } from "./pad";
 import { Nearest } from "./ring";
 import type { Demand } from "./hold";
-import { begin, closedWays, commanded, endedWhy, gamepadName, goesSideways, PACES, pace, padSideways } from "./session";
+import { begin, closedWays, commanded, endedWhy, fingerOn, gamepadName, goesSideways, PACES, pace, padSideways } from "./session";
 import "./drive.css";
 
 export function Drive() {
@@ -92,9 +93,9 @@ function Control() {
 function Why() {
   const part = drive.value;
   const last = useRef<{ said: Advice | null; part: DrivePart | null }>({ said: null, part: null });
-  // While a hand is on the pad nothing above it comes or goes: the pad would move under the hand.
-  if (commanded.value === null) {
-    last.current = { said: part && connection.value.state === "live" ? advice(part, stopped.value) : null, part };
+  // While a hand is on the pad nothing above it comes or goes: the pad would move under the hand. It says itself why it is off.
+  if (commanded.value === null && !fingerOn.value) {
+    last.current = { said: part && connection.value.state === "live" ? advice(part, stopped.value, authority.value.yours) : null, part };
   }
   const { said } = last.current;
   if (!said) return null;
@@ -208,11 +209,10 @@ function Motion() {
 /** The bound that holds, and by what. */
 function Bounded() {
   const part = drive.value;
-  const bound = part?.bound;
-  if (!part || !bound) return null;
+  if (!part?.bound) return null;
   return (
     <p class={stale(part.guard) ? "bound is-stale" : "bound"}>
-      <ShieldAlert size={16} aria-hidden /> <span>{[sentence(bound.words), ...closedWays.value].join(" ")}</span>
+      <ShieldAlert size={16} aria-hidden /> <span>{[...boundWords(part).map(sentence), ...closedWays.value].join(" ")}</span>
     </p>
   );
 }
@@ -245,7 +245,7 @@ function Hands() {
       <div class="choice" role="group" aria-label={t("How fast at most")}>
         {(Object.keys(PACES) as (keyof typeof PACES)[]).map((each) => (
           <Button key={each} pressed={pace.value === each} onClick={() => (pace.value = each)}>
-            {each === "slow" ? t("Slow") : t("Normal")} {limits ? num(limits.speed * PACES[each], 1, "m/s") : ""}
+            {each === "slow" ? t("Slow") : t("Normal")} {limits ? num(limits.speed * PACES[each], 2, "m/s") : ""}
           </Button>
         ))}
       </div>
@@ -265,9 +265,13 @@ function Hands() {
         {now ? demanded(now) : endedWhy.value ? sentence(endedWhy.value) : t("Let go, and it stops.")}
       </p>
       <p class="why-not hands-keys">
-        <Keyboard size={16} aria-hidden /> {drive.value?.bound ? t("arrow keys or WASD, with C to creep") : t("arrow keys or WASD")}
-        {goesSideways.value ? `; ${t("Q and E go sideways")}` : null}
-        <Gamepad2 size={16} aria-hidden /> {pads(gamepadName.value, Boolean(drive.value?.bound))}
+        <span>
+          <Keyboard size={16} aria-hidden /> {drive.value?.bound ? t("arrow keys or WASD, with C to creep") : t("arrow keys or WASD")}
+          {goesSideways.value ? `; ${t("Q and E go sideways")}` : null}
+        </span>
+        <span>
+          <Gamepad2 size={16} aria-hidden /> {pads(gamepadName.value, Boolean(drive.value?.bound))}
+        </span>
       </p>
     </Card>
   );

@@ -6,7 +6,7 @@ import { ownGesture } from "../ui/gesture";
 import { t } from "../words";
 import type { Wish } from "./hold";
 import { Ring } from "./ring";
-import { commanded, goesSideways, hold, letGo, padSideways, shown, whyNoDrive } from "./session";
+import { commanded, fingerOn, goesSideways, hold, letGo, padSideways, shown, whyNoDrive } from "./session";
 
 /** Share of the half side around the middle that is the middle; and what is the end already. */
 const DEAD = 0.08;
@@ -22,6 +22,7 @@ export function Pad() {
   const now = commanded.value;
   const held = now?.source === "pad";
 
+  useEffect(() => () => void (fingerOn.value = false), []);
   const place = (x: number, y: number) => knob.current?.style.setProperty("transform", `translate(${x}px, ${y}px)`);
   useEffect(() => {
     if (!held) {
@@ -45,6 +46,7 @@ export function Pad() {
     event.preventDefault();
     pad.current?.setPointerCapture(event.pointerId);
     pointers.current.add(event.pointerId);
+    fingerOn.value = true;
     if (pointers.current.size > 1) return letGo("A second finger was on the pad.");
     if (event.button !== 0) return;
     area.current = (pad.current as HTMLDivElement).getBoundingClientRect();
@@ -61,6 +63,7 @@ export function Pad() {
   };
   const up = (event: PointerEvent) => {
     pointers.current.delete(event.pointerId);
+    fingerOn.value = pointers.current.size > 0;
     if (event.pointerId !== driver.current) return;
     driver.current = null;
     hold.release("pad");

@@ -3,11 +3,12 @@
 import { computed, effect, signal } from "@preact/signals";
 import { listen, send } from "../connection/command";
 import { onStop, sentence, stopped } from "../operate";
-import { pausedByWords, waitsForHand } from "../holds";
+import { barred, pausedByWords, waitsForHand } from "../holds";
 import { clock, connection, drive, fresh, roundTrip, scene, stale, TOO_SLOW, whyNot } from "../state";
 import { types } from "../shell/keys";
 import { keysRest } from "../ui/rest";
 import { t } from "../words";
+import { holdWords } from "../words/said";
 import { type Act, CREEP_KEY, Gamepads, Keys, type Stick } from "./hands";
 import { type Demand, Hold, type Source } from "./hold";
 
@@ -30,6 +31,8 @@ export const whyNoDrive = computed<string | null>(() => {
   const line = fresh(drive.value?.stop);
   if (line?.engaged) return t("PAUSE: {who} stops the robot.", { who: pausedByWords(drive.value) });
   const part = drive.value;
+  const bar = barred(part?.holds ?? []);
+  if (bar) return sentence(holdWords(bar));
   if (part && (part.status.word === "fault" || part.status.word === "silent") && !waitsForHand(part.holds)) {
     return sentence(part.status.reason);
   }
@@ -62,6 +65,8 @@ export const creeping = signal(false);
 
 /** What the hand wants now; null: no hand. */
 export const commanded = signal<({ source: Source } & Demand) | null>(null);
+/** A finger is on the pad, whether it drives or its hold has ended. */
+export const fingerOn = signal(false);
 /** The base goes sideways; and the pad's sides mean that, not turning. */
 export const goesSideways = computed(() => (scene.value?.limits.sideways ?? 0) > 0);
 export const padSideways = signal(false);

@@ -8,7 +8,7 @@ import { Button, Dialog, Empty } from "../ui";
 import { t } from "../words";
 import { progress, waypoints, what } from "./destinations";
 import { goRoute, sent, sentAs, taken } from "./draft";
-import { goalWords, isActive } from "./words";
+import { goalWords, isActive, standsWhy } from "./words";
 
 /** Opens the list. */
 export function DriveTo() {
@@ -58,7 +58,7 @@ export function Progress() {
   const way = progress(goal, taken.value ? sent.value.length : 0);
   return (
     <div class="progress">
-      <p>{goalWords(goal, isHeld(part?.holds ?? []) === true)}</p>
+      <p>{goalWords(goal, isHeld(part?.holds ?? []) === true, standsWhy(part))}</p>
       {way ? (
         <p class="progress-way">
           <progress max={way.of} value={way.at} aria-label={t("Waypoints")} />

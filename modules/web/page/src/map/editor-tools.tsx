@@ -93,6 +93,7 @@ export function EditorTools() {
         </Button>
         {close}
       </div>
+      {paced ? <p>{t("When it is run, the robot begins anew, and whoever has control must take it again.")}</p> : null}
       {refused.value ? (
         <p role="alert">
           {t("The simulation refused it: {why}", { why: refused.value })}

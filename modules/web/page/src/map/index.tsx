@@ -2,10 +2,11 @@
 import { Crosshair, Expand, Flag, Hand, LayersIcon, LocateFixed, Milestone, Minus, PencilRuler, Plus, Repeat, Route, Ruler, Undo2 } from "lucide-preact";
 import { useEffect, useRef, useState } from "preact/hooks";
 import { isHeld } from "../holds";
-import { take } from "../operate";
+import { advice } from "../drive/advice";
+import { resume, stopped, take } from "../operate";
 import { num } from "../format";
 import { authority, connection, demo, drive, fresh, holder, may, scene, sensors, stale, whyNot } from "../state";
-import { Badge, Button, type Tone } from "../ui";
+import { Badge, Button, Slide, type Tone } from "../ui";
 import { type Plain, t } from "../words";
 import { BeaconTable } from "./beacon-table";
 import { type Looker, MapCanvas, under } from "./canvas";
@@ -16,7 +17,7 @@ import { EditorTools } from "./editor-tools";
 import { isOn, type Layer, toggle } from "./layers";
 import { PlannerControls } from "./planner-controls";
 import { modeWords } from "./planner";
-import { goalWords, guardWords, measureWords, positionWords } from "./words";
+import { goalWords, guardWords, measureWords, positionWords, standsWhy } from "./words";
 import "./map.css";
 
 export function MapView() {
@@ -28,7 +29,7 @@ export function MapPanel({ alone = false }: { alone?: boolean }) {
   const looker = useRef<Looker | null>(null);
   const [follow, setFollow] = useState(false);
   const part = drive.value;
-  const goal = goalWords(part?.goal.value, isHeld(part?.holds ?? []) === true);
+  const goal = goalWords(part?.goal.value, isHeld(part?.holds ?? []) === true, standsWhy(part));
   useEffect(() => () => begin("look"), []);
   return (
     <section class="map" aria-label={t("Map")}>
@@ -77,6 +78,7 @@ function Tools({ alone }: { alone: boolean }) {
   const start = (next: Mode) => () => begin(next);
   return (
     <div class="map-tools">
+      {alone ? <Resume /> : null}
       {alone && !demo.value && !authority.value.yours && !holder.value ? (
         <Button icon={Hand} kind="primary" whyNot={connection.value.state === "live" ? null : t("There is no connection")} onClick={() => void take()}>
           {t("Take control")}
@@ -100,6 +102,13 @@ function Tools({ alone }: { alone: boolean }) {
       <CancelGoal />
     </div>
   );
+}
+
+/** Where the planner goes on only when an operator says so, as the drive view has it. */
+function Resume() {
+  const part = drive.value;
+  if (!part || demo.value || connection.value.state !== "live" || advice(part, stopped.value)?.offer !== "resume") return null;
+  return <Slide label={t("Resume")} tone="good" whyNot={whyNot.value} onConfirm={() => void resume()} />;
 }
 
 /** A line through places that are tapped: its length. */

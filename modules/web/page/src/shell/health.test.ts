@@ -1,6 +1,6 @@
 import { deepEqual, equal } from "node:assert/strict";
 import { test } from "node:test";
-import type { Concern, DataEstimate, DataPower } from "../protocol";
+import type { Concern, DataEstimate, DataPower, HoldRow } from "../protocol";
 import { battery, position, second, worse } from "./health";
 
 const concern = (words: string, weight: Concern["weight"] = "warning"): Concern => ({ weight, words });
@@ -15,6 +15,13 @@ test("what is not well is the second word, with how many more there are", () => 
   equal(second([], "x"), null);
   deepEqual(second([concern("a board is lost", "error"), concern("position lost")], ""), { tone: "bad", words: "a board is lost", more: 1 });
   deepEqual(second([concern("same"), concern("position lost")], "same"), { tone: "warn", words: "position lost", more: 0 });
+});
+
+test("what bars the motion comes before what follows from it", () => {
+  const lost = { words: "the left drive is lost", who: "left drive" } as HoldRow;
+  const follows = [concern("silent: the estimate does not know how the robot moves", "error"), concern("left drive (node 1) is silent", "error"), concern("position lost")];
+  deepEqual(second(follows, "left drive (node 1) cannot be started", lost), { tone: "bad", words: "the left drive is lost", more: 2 });
+  deepEqual(second(follows, "", { ...lost, who: "" }), { tone: "bad", words: "the left drive is lost", more: 3 });
 });
 
 test("a lost position is never a good one", () => {

@@ -1,9 +1,9 @@
 // Whether the robot is well, beside whether it may be driven: the second word of the status. Pure.
-import type { Concern, DataEstimate, DataPower, Ellipse } from "../protocol";
+import type { Concern, DataEstimate, DataPower, Ellipse, HoldRow } from "../protocol";
 import { num, span } from "../format";
 import type { Tone } from "../ui/badge";
 import { t } from "../words";
-import { said } from "../words/said";
+import { holdWords, said } from "../words/said";
 
 /** From best to worst. */
 const ORDER: Tone[] = ["good", "info", "off", "warn", "bad"];
@@ -18,9 +18,11 @@ export interface Second {
   more: number;
 }
 
-/** The second word; null: all is well. A cause that the reason already names is not said twice. */
-export function second(concerns: readonly Concern[], reason: string): Second | null {
-  const others = concerns.filter(({ words }) => words !== reason);
+/** The second word; null: all is well. A cause that the reason already names is not said twice. `cause`: what bars the motion;
+ *  the concerns that are newer may be what follows from it. */
+export function second(concerns: readonly Concern[], reason: string, cause: HoldRow | null = null): Second | null {
+  const others = concerns.filter(({ words }) => words !== reason && !(cause?.who && words.includes(cause.who)));
+  if (cause !== null) return { tone: "bad", words: holdWords(cause), more: others.length };
   const [first] = others;
   return first ? { tone: first.weight === "error" ? "bad" : "warn", words: said(first.words), more: others.length - 1 } : null;
 }

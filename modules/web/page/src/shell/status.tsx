@@ -4,7 +4,10 @@ import {
   BatteryMedium, CircleAlert, CirclePause, CirclePlay, CircleCheck, CircleHelp, Gauge, Hand, Hourglass, KeyRound, LocateFixed, type LucideIcon, OctagonPause, TriangleAlert, Wifi, WifiOff,
 } from "lucide-preact";
 import type { ComponentChildren } from "preact";
+import { useEffect, useRef } from "preact/hooks";
 import { num } from "../format";
+import { barred } from "../holds";
+import { standsWhy } from "../map/words";
 import type { StatusWord } from "../protocol";
 import { authority, commandLink, connection, demo, drive, fresh, holder, me, role, roundTrip, scene, system } from "../state";
 import { stopped } from "../operate";
@@ -37,19 +40,27 @@ export function status(): { word: string; icon: LucideIcon; tone: Tone; reason: 
   if (now.state === "lost") {
     return { word: t("Not known"), icon: WifiOff, tone: "bad", reason: t("no connection; {word} at the last message", { word: word.toLowerCase() }) };
   }
-  const not = second(drive.value?.concerns ?? [], said.reason);
+  const not = second(drive.value?.concerns ?? [], said.reason, barred(drive.value?.holds ?? []));
   if (stopped.value) {
     const reason = t("an operator stopped it; it stays until an operator resumes");
     return { word: t(WORDS.stopped.word), icon: OctagonPause, tone: worse("warn", not?.tone ?? "warn"), reason, second: not };
   }
   // A check mark says that all is well.
-  return { word, icon: not && said.word === "ready" ? CircleAlert : icon, tone: worse(tone, not?.tone ?? tone), reason: translated(said.reason), second: not };
+  return { word, icon: not && said.word === "ready" ? CircleAlert : icon, tone: worse(tone, not?.tone ?? tone), reason: standsWhy(drive.value) || translated(said.reason), second: not };
 }
 
 export function StatusBar({ children }: { children: ComponentChildren }) {
   const { word, icon: Icon, tone, reason, second } = status();
+  const bar = useRef<HTMLElement>(null);
+  useEffect(() => {
+    const shown = bar.current as HTMLElement;
+    const room = () => document.documentElement.style.setProperty("--status", `${shown.offsetHeight}px`);
+    const sized = new ResizeObserver(room);
+    sized.observe(shown);
+    return () => sized.disconnect();
+  }, []);
   return (
-    <header class={`status tone-${tone}`}>
+    <header ref={bar} class={`status tone-${tone}`}>
       {children}
       <p class="visually-hidden" role="status" aria-atomic>
         {/* What is spoken: no figure that changes ten times a second. */}

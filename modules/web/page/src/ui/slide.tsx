@@ -1,7 +1,8 @@
 // Slide to confirm: the thumb must be dragged to the end, or brought there by the right arrow key, step by step. Neither
-// a stray tap nor one key does it.
+// a stray tap nor one key does it. One that is off says why when it is pressed, and offers control where that is missing.
 import { Check, ChevronsRight } from "lucide-preact";
 import { useRef, useState } from "preact/hooks";
+import { explain } from "../operate";
 import { t } from "../words";
 import { ownGesture } from "./gesture";
 import { restKeys } from "./rest";
@@ -48,7 +49,10 @@ export function Slide(props: {
     else reset();
   };
   const key = (event: KeyboardEvent) => {
-    if (whyNot !== null) return;
+    if (whyNot !== null) {
+      if (event.key === "Enter") explain(whyNot, null);
+      return;
+    }
     const by = { ArrowRight: STEP, ArrowUp: STEP, ArrowLeft: -STEP, ArrowDown: -STEP }[event.key];
     if (by === undefined || event.repeat) return;
     event.preventDefault();
@@ -61,7 +65,7 @@ export function Slide(props: {
   };
 
   return (
-    <div ref={track} class={`slide ${tone} ${whyNot === null ? "" : "is-off"}`} title={whyNot ?? undefined}>
+    <div ref={track} class={`slide ${tone} ${whyNot === null ? "" : "is-off"}`} title={whyNot ?? undefined} onClick={() => whyNot !== null && explain(whyNot, null)}>
       <div class="slide-done" style={{ width: `calc(${THUMB}px + (100% - ${THUMB}px) * ${way})` }} />
       <span class="slide-label" aria-hidden>
         {whyNot ?? label}
@@ -77,7 +81,7 @@ export function Slide(props: {
         aria-valuetext={way === 0 ? t("not confirmed") : t("{percent} percent", { percent: Math.round(way * 100) })}
         aria-disabled={whyNot !== null}
         style={{ transform: `translateX(calc((${track.current?.clientWidth ?? 0}px - ${THUMB}px) * ${way}))` }}
-        onTouchStart={ownGesture}
+        onTouchStart={whyNot === null ? ownGesture : undefined}
         onPointerDown={down}
         onPointerMove={move}
         onPointerUp={up}

@@ -20,9 +20,9 @@ const NO_TEXTS = new Set([
   "Escape", "take over", "(prefers-color-scheme: dark)", "button, a, summary, [role=slider], canvas", "11px system-ui, sans-serif", "600 11px system-ui, sans-serif",
   "700 11px system-ui, sans-serif", "12px system-ui, sans-serif", "advee web code", "Language, jazyk", "English", "Čeština", "Uncaught", "Foreign", "Unknown",
   // Keys, a command line, and a line of a world's file.
-  "Delete", "Backspace", "advee up --sim --speed 1 --world ./", "# ---- drawn on the map; below this line the scenario editor writes anew",
-  // With a number, by cs/robot.ts.
-  "the robot answered ",
+  "Delete", "Backspace", "Enter", "advee up --sim --speed 1 --world ./", "# ---- drawn on the map; below this line the scenario editor writes anew",
+  // With a number or a name, by cs/robot.ts.
+  "the robot answered ", "nothing is known of ",
 ]);
 
 /** All literals of the page's source, and those among them that people read. */

@@ -81,6 +81,9 @@ test("sentences with figures are Czech ones", () => {
     ellipse: { long: 0.1, short: 0.05, angle: 0, heading: 0.02 },
     bound: { words: "at most 0.32 m/s forward: sonar 3", speed: 0.32, limits: true, creeping: false },
     guard: { value: { fields: [{ kind: 1, occupied: true }] } },
+    motion: { value: null },
+    commands: [],
+    velocity_commands: [],
   } as unknown as DrivePart;
   const goal: DataGoal = { timestamp: 0, id: 1, waypoint: 3, status: 1, remaining: 2.04, message: "" };
   inCzech(() => {

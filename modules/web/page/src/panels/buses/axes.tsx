@@ -1,11 +1,12 @@
-// The drives: CiA 402 in words, and homing.
+// The drives: CiA 402 in words, of motor controllers without CANopen what they do; and homing.
 import { Home } from "lucide-preact";
 import { deg, NONE, num } from "../../format";
 import { scene, stale, system, whyNot, drive } from "../../state";
-import { Age, Badge, Button, Card, Empty, Facts, type Tone } from "../../ui";
+import type { Axis } from "../../protocol";
+import { Age, Badge, Button, Card, Empty, type Fact, Facts, type Tone } from "../../ui";
 import { order } from "../../operate";
 import { hex } from "../format";
-import { driveError, nmtState, powerState, type Sort, statusBits } from "./cia402";
+import { controllerState, driveError, nmtState, powerState, type Sort, statusBits } from "./cia402";
 
 const OPERATIONAL = 5;
 /** The axis that has a home. */
@@ -25,7 +26,6 @@ export function Axes() {
   return (
     <div class="cards">
       {axes.map((axis) => {
-        const state = powerState(axis.statusword);
         const node = scene.value?.drives.find((each) => each.name === axis.name)?.node;
         const angle = axis.name === HOMED;
         const borne = system.value?.wheels.value?.wheels.find((each) => each.name === axis.name);
@@ -34,21 +34,7 @@ export function Axes() {
             <div class={stale(shown) ? "is-stale" : ""}>
               <Facts
                 facts={[
-                  { name: "CiA 402", value: <Badge tone={TONES[state.sort]}>{state.name}</Badge> },
-                  {
-                    name: node === undefined ? "NMT" : `NMT, node ${node}`,
-                    value: <Badge tone={axis.nmt_state === OPERATIONAL ? "good" : "bad"}>{nmtState(axis.nmt_state)}</Badge>,
-                  },
-                  { name: "Error", value: axis.error_code ? <Badge tone="bad">{`${hex(axis.error_code)} ${driveError(axis.error_code)}`}</Badge> : "none" },
-                  {
-                    name: "Statusword",
-                    value: (
-                      <>
-                        {hex(axis.statusword)}
-                        <small class="p-bits">{statusBits(axis.statusword).join(", ") || "no further bit"}</small>
-                      </>
-                    ),
-                  },
+                  ...(node === undefined ? controller(axis) : canopen(axis, node)),
                   { name: "Position", value: angle ? deg(axis.position, 2) : num(axis.position, 3, "m") },
                   { name: "Velocity", value: axis.velocity === null ? NONE : angle ? `${deg(axis.velocity, 2)}/s` : num(axis.velocity, 3, "m/s") },
                   { name: "Current", value: num(axis.current, 2, "A") },
@@ -63,6 +49,34 @@ export function Axes() {
       })}
     </div>
   );
+}
+
+/** A drive of CANopen. */
+function canopen(axis: Axis, node: number): Fact[] {
+  const state = powerState(axis.statusword);
+  return [
+    { name: "CiA 402", value: <Badge tone={TONES[state.sort]}>{state.name}</Badge> },
+    { name: `NMT, node ${node}`, value: <Badge tone={axis.nmt_state === OPERATIONAL ? "good" : "bad"}>{nmtState(axis.nmt_state)}</Badge> },
+    { name: "Error", value: axis.error_code ? <Badge tone="bad">{`${hex(axis.error_code)} ${driveError(axis.error_code)}`}</Badge> : "none" },
+    {
+      name: "Statusword",
+      value: (
+        <>
+          {hex(axis.statusword)}
+          <small class="p-bits">{statusBits(axis.statusword).join(", ") || "no further bit"}</small>
+        </>
+      ),
+    },
+  ];
+}
+
+/** A motor controller without CANopen. Its error is a number of its own, which Errors shows in words. */
+function controller(axis: Axis): Fact[] {
+  const state = controllerState(axis.nmt_state, axis.statusword);
+  return [
+    { name: "State", value: <Badge tone={TONES[state.sort]}>{state.name}</Badge> },
+    { name: "Error", value: axis.error_code ? <Badge tone="bad">{hex(axis.error_code >>> 0)}</Badge> : "none" },
+  ];
 }
 
 function Homing({ axis }: { axis: string }) {

@@ -111,7 +111,7 @@ export function SdoBrowser() {
   const drives = scene.value?.drives ?? [];
   return (
     <Card title="Objects of a drive (SDO)" icon={BookOpen}>
-      {drives.length ? <Form drives={drives} /> : <Empty>The robot has no drives.</Empty>}
+      {drives.length ? <Form drives={drives} /> : <Empty>The robot has no drive with CANopen.</Empty>}
       {history.value.length ? <Table caption="What was read and written" columns={COLUMNS} rows={history.value} id={(entry) => entry.number} /> : null}
     </Card>
   );

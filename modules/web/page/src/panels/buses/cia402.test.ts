@@ -1,6 +1,6 @@
 import { deepEqual, equal } from "node:assert/strict";
 import { test } from "node:test";
-import { driveError, nmtState, powerState, statusBits } from "./cia402";
+import { controllerState, driveError, nmtState, powerState, statusBits } from "./cia402";
 
 test("a statusword names its state whatever its other bits say", () => {
   const states: [number, string][] = [
@@ -27,6 +27,13 @@ test("each statusword of 16 bits has one state at most", () => {
   equal(powerState(0x08).sort, "fault");
   equal(powerState(0x07).sort, "stands");
   equal(powerState(0x40).sort, "rests");
+});
+
+test("a motor controller without CANopen has plain words, and none of CiA 402", () => {
+  const said = ([nmt, word]: [number, number]) => controllerState(nmt, word).name;
+  const all = ([[5, 0x27], [5, 0x07], [127, 0x40], [127, 0x08], [-1, 0], [5, 0]] as [number, number][]).map(said);
+  deepEqual(all, ["follows commands", "quick stop", "off or starting", "fault", "not available", "not known"]);
+  equal(controllerState(-1, 0x27).sort, "fault", "what is not heard follows nothing");
 });
 
 test("bits that are no part of the state are named", () => {

@@ -44,6 +44,20 @@ export function powerState(statusword: number): PowerState {
   return found ? { name: found[2], sort: found[3] } : { name: "no state of CiA 402", sort: "fault" };
 }
 
+/** What a motor controller without CANopen does: driver_canbus translates it into those of these states that it has. */
+const PLAIN: readonly (readonly [statusword: number, name: string, sort: Sort])[] = [
+  [0x27, "follows commands", "moves"],
+  [0x07, "quick stop", "stands"],
+  [0x40, "off or starting", "rests"],
+  [0x08, "fault", "fault"],
+];
+
+/** State of a motor controller without CANopen, in plain words: it knows neither NMT nor statusword. */
+export function controllerState(nmt: number, statusword: number): PowerState {
+  const found = nmt === -1 ? undefined : PLAIN.find(([word]) => word === statusword);
+  return found ? { name: found[1], sort: found[2] } : { name: nmt === -1 ? "not available" : "not known", sort: "fault" };
+}
+
 const BITS: readonly (readonly [bit: number, name: string])[] = [
   [4, "voltage"],
   [7, "warning"],

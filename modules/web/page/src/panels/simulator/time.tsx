@@ -60,7 +60,7 @@ function Controls({ run }: { run: DataRun }) {
       </label>
       <Facts facts={facts} />
       <p class="muted">
-        {run.refusal ? `The last command was refused: ${run.refusal}.` : "After a reset the robot begins anew in its world, with the same seed."} {whyNot}
+        {run.refusal ? `The last command was refused: ${run.refusal}.` : "After a reset the robot begins anew in its world, with the same seed, and whoever has control must take it again."} {whyNot}
       </p>
     </Card>
   );
