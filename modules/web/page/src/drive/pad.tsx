@@ -22,8 +22,8 @@ export function Pad() {
   const now = commanded.value;
   const held = now?.source === "pad";
 
-  useEffect(() => () => void (fingerOn.value = false), []);
   const place = (x: number, y: number) => knob.current?.style.setProperty("transform", `translate(${x}px, ${y}px)`);
+  useEffect(() => () => void (fingerOn.value = false), []);
   useEffect(() => {
     if (!held) {
       driver.current = null;

@@ -20,10 +20,10 @@ test("a robot that stands is not told to drive, and what is not known is nobody"
   const part = (status: number, message: string, holds: object[], guard: number, word = "waiting", reason = message, forward = 0) =>
     ({ status: { word, reason }, goal: { value: { ...GOAL, status, message } }, holds, guard: { value: { code: guard, subject: "lidar top", forward, backward: 0.8 } } }) as unknown as DrivePart;
   const near = row("planner", 605, "somebody stands near");
-  equal(standsWhy(part(3, "waits for whoever stands near", [near], 713)), "nothing is known of lidar top");
+  equal(standsWhy(part(3, "waits for whoever stands near", [near], 713)), "no data of lidar top");
   equal(standsWhy(part(3, "waits for whoever stands near", [near], 711)), "", "somebody does");
   const drives = "drives to waypoint 4 of 4";
-  equal(standsWhy(part(1, drives, [], 713)), "nothing is known of lidar top");
+  equal(standsWhy(part(1, drives, [], 713)), "no data of lidar top");
   equal(standsWhy(part(1, drives, [row("driver_canbus", 711, "something is near: lidar top")], 711)), "something is near: lidar top");
   equal(standsWhy(part(1, drives, [], 0)), "stands for a moment on the way to waypoint 4");
   equal(standsWhy(part(1, drives, [], 713, "waiting", drives, 0.3)), "stands for a moment on the way to waypoint 4", "what is unknown is not in the way");
@@ -31,7 +31,7 @@ test("a robot that stands is not told to drive, and what is not known is nobody"
   equal(standsWhy(part(1, drives, [], 0, "waiting", "simulation paused")), "");
   equal(standsWhy(part(1, "looks for a way", [row("planner", 603, "")], 0)), "", "its own words are right");
   equal(standsWhy(null), "");
-  equal(goalWords({ ...GOAL, status: 3, message: "waits for whoever stands near" }, false, "nothing is known of lidar top"), "Waits: nothing is known of lidar top, 2.0 m to go.");
+  equal(goalWords({ ...GOAL, status: 3, message: "waits for whoever stands near" }, false, "no data of lidar top"), "Waits: no data of lidar top, 2.0 m to go.");
 });
 
 test("a position is told with how sure it is, and not at all when the robot is lost", () => {

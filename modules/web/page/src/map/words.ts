@@ -89,7 +89,7 @@ export function standsWhy(part: DrivePart | null): string {
   const guard = part.guard.value;
   // What is not a number permits nothing. Where the robot stands, the cause is that of the way that is bounded most.
   const closed = guard !== null && Math.min(guard.forward ?? 0, guard.backward ?? 0) <= 0;
-  const unknown = closed && guard.code === HOLD.GuardUnknown ? said(`nothing is known of ${guard.subject}`) : "";
+  const unknown = closed && guard.code === HOLD.GuardUnknown ? t("no data of {sensor}", { sensor: said(guard.subject) }) : "";
   const own = part.holds.filter(({ module }) => module === "planner");
   if (own.some((row) => row.code === HOLD.SomebodyNear)) return unknown;
   if (goal.status !== DRIVES || own.length > 0) return "";

@@ -22,7 +22,7 @@ const NO_TEXTS = new Set([
   // Keys, a command line, and a line of a world's file.
   "Delete", "Backspace", "Enter", "advee up --sim --speed 1 --world ./", "# ---- drawn on the map; below this line the scenario editor writes anew",
   // With a number or a name, by cs/robot.ts.
-  "the robot answered ", "nothing is known of ",
+  "the robot answered ",
 ]);
 
 /** All literals of the page's source, and those among them that people read. */

@@ -454,6 +454,7 @@ export const TEXTS = {
   "must not move forward": "nesmí se pohnout vpřed",
   "must not move backward": "nesmí se pohnout vzad",
   "stands for a moment on the way to waypoint {n}": "na chvíli stojí na cestě k bodu {n}",
+  "no data of {sensor}": "chybí data: {sensor}",
   "No data of the planner yet.": "Od plánovače zatím nic nepřišlo.",
   "{distance} to go": "zbývá {distance}",
   "No goal": "Bez cíle",
