@@ -574,7 +574,8 @@ impl Search {
         if !found {
             // A path missed by the coarse pass, or by steps that have no room, may still exist.
             let coarse = PASSES[self.pass - 1].1 > 1;
-            if why == SearchError::Budget || !coarse && self.short {
+            let finer = !self.short && Lattice::has_short(&self.limits, field.frame().resolution);
+            if why == SearchError::Budget || !coarse && !finer {
                 return self.fail(field, why);
             }
             if !coarse {

@@ -98,10 +98,7 @@ impl Lattice {
         self.steps.clear();
         self.local.clear();
         self.heading = None;
-        // Turn of a step that leaves its cell in any direction, in headings.
-        let least = |cells: f64| libm::ceil(cells * resolution / (radius * STEP)) as i32;
-        let usual = (libm::round(3.0 * resolution / (radius * STEP)) as i32).max(least(1.5)).max(1);
-        let bins = if short { least(core::f64::consts::SQRT_2).max(1) } else { usual };
+        let bins = Self::bins(radius, resolution, short);
         let length = f64::from(bins) * radius * STEP;
         for reverse in [false, true] {
             for steering in [0i8, 1, -1, 2, -2] {
@@ -125,6 +122,23 @@ impl Lattice {
                 self.add(Move::Aside(f64::from(side) * length), 0, 0, limits, &looks);
             }
         }
+    }
+
+    /// Turn of a step at the least radius, in headings: it leaves its cell in any direction.
+    fn bins(radius: f64, resolution: f64, short: bool) -> i32 {
+        let cells = resolution / (radius * STEP);
+        let least = |cells: f64| (libm::ceil(cells) as i32).max(1);
+        if short {
+            least(core::f64::consts::SQRT_2 * cells)
+        } else {
+            (libm::round(3.0 * cells) as i32).max(least(1.5 * cells))
+        }
+    }
+
+    /// True if short steps are shorter than the usual ones.
+    pub(crate) fn has_short(limits: &Limits, resolution: f64) -> bool {
+        let bins = |short| Self::bins(limits.radius_m, resolution, short);
+        bins(true) < bins(false)
     }
 
     fn add(&mut self, part: Move, turn: i32, steering: i8, limits: &Limits, looks: impl Fn(Move) -> (f64, f64)) {
