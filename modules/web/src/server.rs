@@ -161,13 +161,17 @@ async fn serve(
     let stream = Heard { stream, began: began.clone() };
     let heard = began.clone();
     let service = service_fn(move |request: hyper::Request<Incoming>| {
-        heard.store(false, Relaxed);
         let mut request = request.map(Body::new);
         request.extensions_mut().insert(Reached(reached));
         request.extensions_mut().insert(Peer(peer));
         // Who is refused has said nothing that keeps the place: the guard decides.
         request.extensions_mut().insert(seat.clone());
-        router.call(request)
+        let (answer, heard) = (router.call(request), heard.clone());
+        async move {
+            let answer = answer.await;
+            heard.store(false, Relaxed);
+            answer
+        }
     });
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(HEAD_TIMEOUT).max_buf_size(HEAD_MAX).max_headers(HEADERS_MAX);
@@ -183,7 +187,7 @@ async fn serve(
     }
 }
 
-/// A connection that notes whether anything was read from it.
+/// A connection that notes whether anything was read from it since the last answer.
 struct Heard {
     stream: TcpStream,
     began: Arc<AtomicBool>,
