@@ -305,6 +305,19 @@ fn exported_tables_have_a_column_for_each_member_and_element() {
 }
 
 #[test]
+fn of_many_channels_without_a_table_some_are_named() {
+    let bench = Bench::new();
+    let log = bench.path("log.mcap");
+    let foreign = (0..23).map(|n| (n, format!("FOREIGN_{n:02}"), vec![7; 11]));
+    let lines: Vec<Line> = foreign.chain(messages().into_iter().take(1)).collect();
+    fs::write(&log, file(&lines, 0)).unwrap();
+    let told = bench.run(&["export", &log, "--format", "csv", "--out", &bench.path("tables")]);
+    let named = (0..20).map(|n| format!("advee: FOREIGN_{n:02}: no message can be decoded; left out\n"));
+    let all = named.chain(["advee: 3 more channels: no message can be decoded; left out\n".into()]);
+    assert_eq!((told.code, told.err), (Some(0), all.collect::<String>()));
+}
+
+#[test]
 fn a_part_of_a_log_is_a_log_with_both_forms_and_all_attachments() {
     let bench = Bench::new();
     let (run, out) = (bench.sample("run"), bench.path("part.mcap"));

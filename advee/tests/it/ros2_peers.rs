@@ -101,7 +101,7 @@ impl Peer {
             }
         };
         let said = self.said();
-        assert!(status.success(), "{said}");
+        assert!(status.success(), "{status}: {said}");
         said
     }
 

@@ -33,6 +33,9 @@ const BUFFER: usize = 1 << 18;
 /// Maximum size of a selection that stays in memory between the two passes, bytes; a larger one is read twice.
 pub const KEPT_MAX: usize = 64 << 20;
 
+/// Maximum number of channels without a table that are named.
+const NAMED_MAX: usize = 20;
+
 /// Result of an interrupted export.
 const CUT: &str = "tables are missing or cut";
 
@@ -166,10 +169,13 @@ impl Export<'_> {
         if let Some(left_out) = left_out {
             complain(&left_out);
         }
-        for (channel, table) in &tables {
-            if table.ty.is_empty() {
-                complain(&format!("{}: no message can be decoded; left out", channel.escape_debug()));
-            }
+        let mut unknown = tables.iter().filter(|(_, table)| table.ty.is_empty()).map(|(channel, _)| channel);
+        for channel in unknown.by_ref().take(NAMED_MAX) {
+            complain(&format!("{}: no message can be decoded; left out", channel.escape_debug()));
+        }
+        let more = unknown.count();
+        if more > 0 {
+            complain(&format!("{}: no message can be decoded; left out", crate::counted(more as u64, "more channel")));
         }
         tables.retain(|_, table| !table.ty.is_empty());
         tables.values_mut().for_each(|table| table.undecoded = 0);

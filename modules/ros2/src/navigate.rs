@@ -337,7 +337,8 @@ impl Navigator {
     /// Sends waypoints to the planner, or without any the end of its goal; the number of the command.
     fn command(&mut self, timestamp: i64, waypoints: Vec<Waypoint>) -> i32 {
         let mut goal = orders::goal(timestamp, waypoints, false);
-        if self.sent.back() == Some(&goal.id) {
+        // Several within the same millisecond have the same number otherwise.
+        while self.sent.contains(&goal.id) {
             goal.id += 1;
         }
         let number = goal.id;

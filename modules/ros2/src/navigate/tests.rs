@@ -154,6 +154,22 @@ fn a_goal_is_driven_to_and_its_result_comes_at_its_end_and_later() {
 }
 
 #[test]
+fn commands_within_a_millisecond_have_different_numbers() {
+    let mut bench = Bench::new();
+    for n in 1..=4 {
+        assert!(bench.send(n));
+        if n == 2 {
+            bench.now += Duration::from_millis(1);
+        }
+    }
+    bench.cancel(id(4));
+    let mut numbers: Vec<i32> = bench.commands.iter().map(|command| command.id).collect();
+    numbers.sort_unstable();
+    numbers.dedup();
+    assert_eq!(numbers.len(), 5);
+}
+
+#[test]
 fn feedback_has_the_pose_the_way_the_times_and_the_recoveries() {
     let mut bench = Bench::new();
     bench.send(1);
