@@ -176,6 +176,7 @@ export function ImuCards() {
                 ]}
               />
             </div>
+            <p class="muted">{t("An inertial unit is no safety device.")}</p>
           </Card>
         );
       })}

@@ -663,6 +663,7 @@ export const TEXTS = {
   "reports a fault": "hlásí závadu",
   "Nearest, from the reference point": "Nejbližší, od vztažného bodu",
   "A lidar is no safety device.": "Lidar není bezpečnostní zařízení.",
+  "An inertial unit is no safety device.": "Inerciální jednotka není bezpečnostní zařízení.",
   "Inertial unit {name}": "Inerciální jednotka {name}",
   works: "pracuje",
   "not calibrated": "nekalibrovaná",
