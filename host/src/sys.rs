@@ -139,6 +139,13 @@ pub fn set_low_latency(terminal: BorrowedFd<'_>) -> io::Result<()> {
     check(unsafe { libc::ioctl(terminal.as_raw_fd(), libc::TIOCSSERIAL, &raw const serial) })
 }
 
+/// Lowers DTR: the data terminal is not ready.
+pub fn lower_dtr(terminal: BorrowedFd<'_>) -> io::Result<()> {
+    let lines: libc::c_int = libc::TIOCM_DTR;
+    // SAFETY: the kernel reads a live int.
+    check(unsafe { libc::ioctl(terminal.as_raw_fd(), libc::TIOCMBIC, &raw const lines) })
+}
+
 /// `struct serial_rs485` (linux/serial.h): control of the transceiver's direction.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -16,7 +16,7 @@ mod world;
 pub use modules::{HardwareWatchdog, ModuleEntry, Modules, SIMULATOR};
 pub use robot::{
     CanBus, Gamepad, General, Host, I2cBus, Imu, Io, IoLine, Lidar, Log, ModbusBus, Robot, Rs485Bus, Sensors,
-    SerialLine, Srf08, W1, gpio_bus,
+    SerialLine, Srf08, W1, gpio_bus, lidar_port,
 };
 pub use scenario::{built_in_scenario, regressions, scenario};
 pub use world::{

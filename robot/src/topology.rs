@@ -404,7 +404,7 @@ pub(crate) fn place_of(
             },
             (("lidar", _), side) => match robot.lidar.iter().find(|lidar| lidar.bus() == bus) {
                 Some(lidar) if side => lidar.stream().simulated(run_dir, bus),
-                Some(lidar) => Ok(lidar.stream().port(run_dir)),
+                Some(lidar) => Ok(lidar.driver_port(run_dir)),
                 None => return missing(),
             },
             (("imu", _), side) => match robot.imu.iter().find(|imu| imu.bus() == bus) {
@@ -1040,6 +1040,7 @@ mod tests {
     fn at_a_real_port_a_device_of_bytes_is_simulated_where_it_is_wired_to() {
         for (bus, tables, baud, parity) in [
             ("lidar.a", "[lidar.a]\nmodel = \"ld19\"", 230_400, ByteParity::None),
+            ("lidar.a", "[lidar.a]\nmodel = \"rplidar-a1\"", 115_200, ByteParity::None),
             ("imu.a", "[imu.a]\nmodel = \"witmotion\"", 115_200, ByteParity::None),
             (
                 "modbus.a",
@@ -1050,14 +1051,17 @@ mod tests {
         ] {
             let terminal = |path: &str, low_latency| {
                 let bytes = TerminalConfig { bytes: Some(parity), ..TerminalConfig::new(path.into(), baud) };
-                PortConfig::Terminal(TerminalConfig { low_latency, ..bytes })
+                TerminalConfig { low_latency, ..bytes }
             };
             let is_quick = bus != "modbus.a";
+            // Its motor turns while DTR is low.
+            let dtr_low = tables.contains("rplidar");
+            let ours = PortConfig::Terminal(TerminalConfig { dtr_low, ..terminal("/dev/ttyLAB10", is_quick) });
             let [driver, simulator] = ends_of(bus, tables, "simulated_at = \"/dev/ttyLAB11\"");
-            assert_eq!(driver, Ok(terminal("/dev/ttyLAB10", is_quick)), "{bus}");
-            assert_eq!(simulator, Ok(terminal("/dev/ttyLAB11", is_quick)), "{bus}");
+            assert_eq!(driver, Ok(ours.clone()), "{bus}");
+            assert_eq!(simulator, Ok(PortConfig::Terminal(terminal("/dev/ttyLAB11", is_quick))), "{bus}");
             let [driver, simulator] = ends_of(bus, tables, "simulated_at = \"device\"");
-            assert_eq!(driver, Ok(terminal("/dev/ttyLAB10", is_quick)), "{bus}");
+            assert_eq!(driver, Ok(ours), "{bus}");
             assert_eq!(simulator, Ok(PortConfig::PseudoBytes { link: "/run/advee/device".into(), baud }), "{bus}");
             let [_, simulator] = ends_of(bus, tables, "");
             let why = "port = \"/dev/ttyLAB10\": the simulator needs a name in the run folder, or simulated_at";

@@ -94,22 +94,46 @@ pub fn scan(common: &Common, command: &Scan) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
+/// Names by the devices that they lead to.
+type Names = BTreeMap<PathBuf, PathBuf>;
+
 /// Serial ports of this machine that have hardware, by their lasting names where there are some.
 fn machine() -> Vec<String> {
     let read = |folder: &str| fs::read_dir(folder).into_iter().flatten().flatten();
-    let lasting: BTreeMap<PathBuf, PathBuf> = read("/dev/serial/by-id")
-        .filter_map(|entry| Some((fs::canonicalize(entry.path()).ok()?, entry.path())))
-        .collect();
+    let links = |folder: &str| -> Names {
+        let leads = |entry: fs::DirEntry| Some((fs::canonicalize(entry.path()).ok()?, entry.path()));
+        read(folder).filter_map(leads).collect()
+    };
     let has_hardware = |folder: &Path| {
         // PORT_UNKNOWN of linux/serial_core.h: a place of the 8250 driver without a chip.
         let kind = fs::read_to_string(folder.join("type")).ok();
         folder.join("device").exists() && kind.is_none_or(|kind| kind.trim() != "0")
     };
     let ports = read("/sys/class/tty").filter(|entry| has_hardware(&entry.path()));
-    let mut names: Vec<String> = ports
-        .map(|entry| Path::new("/dev").join(entry.file_name()))
-        .map(|device| lasting.get(&device).unwrap_or(&device).display().to_string())
-        .collect();
+    let ports: Vec<(PathBuf, Option<String>)> =
+        ports.map(|entry| (Path::new("/dev").join(entry.file_name()), usb_identity(&entry.path()))).collect();
+    lasting(&ports, &links("/dev/serial/by-id"), &links("/dev/serial/by-path"))
+}
+
+/// Vendor, product and serial number of the USB device that a port in `/sys/class/tty` is on.
+fn usb_identity(port: &Path) -> Option<String> {
+    let device = fs::canonicalize(port.join("device")).ok()?;
+    let usb = device.ancestors().find(|folder| folder.join("idVendor").exists())?;
+    let of = |name: &str| fs::read_to_string(usb.join(name)).unwrap_or_default();
+    Some(["idVendor", "idProduct", "serial"].map(of).concat())
+}
+
+/// The names that stay: by what the devices say of themselves, or, where several say the same and one name leads to
+/// whichever came last, by the socket.
+fn lasting(ports: &[(PathBuf, Option<String>)], by_id: &Names, by_path: &Names) -> Vec<String> {
+    let is_shared = |identity: &Option<String>| {
+        identity.is_some() && ports.iter().any(|(device, other)| other == identity && !by_id.contains_key(device))
+    };
+    let name = |(device, identity): &(PathBuf, Option<String>)| {
+        let names = if is_shared(identity) { by_path } else { by_id };
+        names.get(device).unwrap_or(device).display().to_string()
+    };
+    let mut names: Vec<String> = ports.iter().map(name).collect();
     names.sort();
     names
 }
@@ -348,6 +372,27 @@ mod tests {
             .map(|line| line.split('#').next().unwrap_or_default().trim())
             .filter(|line| !line.is_empty())
             .collect()
+    }
+
+    #[test]
+    fn adapters_with_the_same_serial_number_are_named_by_their_sockets() {
+        let port = |device: &str, identity: &str| (PathBuf::from(device), Some(identity.to_owned()));
+        let names = |names: &[(&str, &str)]| -> Names {
+            names.iter().map(|(device, name)| (PathBuf::from(device), PathBuf::from(name))).collect()
+        };
+        let by_id =
+            names(&[("/dev/ttyUSB0", "/id/unlike"), ("/dev/ttyUSB2", "/id/alike"), ("/dev/ttyUSB3", "/id/if01")]);
+        let by_path = names(&[("/dev/ttyUSB0", "/path/0"), ("/dev/ttyUSB1", "/path/1"), ("/dev/ttyUSB2", "/path/2")]);
+        let ports = [
+            port("/dev/ttyUSB0", "FT1"),
+            port("/dev/ttyUSB1", "CP0001"),
+            port("/dev/ttyUSB2", "CP0001"),
+            // Another interface of the first adapter.
+            port("/dev/ttyUSB3", "FT1"),
+            (PathBuf::from("/dev/ttyS0"), None),
+        ];
+        assert_eq!(lasting(&ports, &by_id, &by_path), ["/dev/ttyS0", "/id/if01", "/id/unlike", "/path/1", "/path/2"]);
+        assert_eq!(lasting(&ports[1..2], &names(&[]), &names(&[])), ["/dev/ttyUSB1"]);
     }
 
     #[test]

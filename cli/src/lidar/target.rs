@@ -66,8 +66,9 @@ impl Where {
     /// The lidars: those of the simulated robot while one runs in the run folder, else as configured.
     pub fn find(&self, common: &Common) -> Result<Vec<Target>, Failed> {
         if let (Some(port), Some(model)) = (&self.port, self.model) {
-            let config = port_of(port, self.baud.unwrap_or_else(|| model.usual_baud()))?;
-            return Ok(vec![Target { name: port.clone(), model, dialect: Dialect::Binary, port: config }]);
+            let plain = port_of(port, self.baud.unwrap_or_else(|| model.usual_baud()))?;
+            let (name, dialect, port) = (port.clone(), Dialect::Binary, config::lidar_port(plain, model));
+            return Ok(vec![Target { name, model, dialect, port }]);
         }
         let (place, robot) = common.robot()?;
         let all: Vec<Target> = robot.lidar.iter().map(|lidar| Target::of(&place, lidar)).collect();
@@ -88,7 +89,7 @@ impl Where {
 impl Target {
     fn of(place: &RobotLocation, lidar: &config::Lidar) -> Self {
         let (model, dialect) = (lidar.driver.model, lidar.driver.dialect);
-        Self { name: lidar.name.clone(), model, dialect, port: lidar.stream().port(&place.run_dir) }
+        Self { name: lidar.name.clone(), model, dialect, port: lidar.driver_port(&place.run_dir) }
     }
 
     /// Protocol of its model.

@@ -109,14 +109,24 @@ pub struct TerminalConfig {
     pub direction: Option<Direction>,
     /// Request that the driver delivers received bytes immediately.
     pub low_latency: bool,
+    /// Lower DTR, which the kernel raises when it opens the device: an adapter may switch a motor by it.
+    pub dtr_low: bool,
 }
 
 impl TerminalConfig {
     /// Two bytes per word, and no other settings.
     #[must_use]
     pub const fn new(path: PathBuf, baud: u32) -> Self {
-        let transport = Transport::TwoByte;
-        Self { path, baud, transport, bytes: None, setup: Vec::new(), direction: None, low_latency: false }
+        Self {
+            path,
+            baud,
+            transport: Transport::TwoByte,
+            bytes: None,
+            setup: Vec::new(),
+            direction: None,
+            low_latency: false,
+            dtr_low: false,
+        }
     }
 }
 

@@ -15,13 +15,14 @@ use host::ports::settings::{
     BytePort, CanInterface, CanPort, GamepadPort, HostPort, I2cPlace, I2cPort, ImuPort, LidarPort, LinePort,
     SerialPort, StreamPort, W1Port,
 };
+use host::ports::{PortConfig, TerminalConfig};
 use module::Line;
 use module::admission::Commands;
 use navitools::{Point, Pose};
 use ros2::settings::Ros2;
 use settings::robot::{Base, BaseKeys, Beacon, DrivenAxle, Geometry, Limits};
 use settings::{Bytes, Choice, Section as _, Table, settings};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use web::settings::Web;
 
 settings! {
@@ -469,6 +470,17 @@ pub fn gpio_bus(keys: &io::GpioKeys) -> String {
     format!("gpio.{}", keys.name)
 }
 
+/// A port as a lidar of this model needs it.
+#[must_use]
+pub fn lidar_port(port: PortConfig, model: lidar::Model) -> PortConfig {
+    match port {
+        PortConfig::Terminal(terminal) => {
+            PortConfig::Terminal(TerminalConfig { dtr_low: model.wants_dtr_low(), ..terminal })
+        }
+        other => other,
+    }
+}
+
 impl Lidar {
     /// What stops the robot is evaluated by the device.
     fn check(&self, table: &Table<'_>) {
@@ -491,6 +503,12 @@ impl Lidar {
     #[must_use]
     pub fn stream(&self) -> StreamPort {
         self.port.stream(self.driver.model.usual_baud())
+    }
+
+    /// The driver's port.
+    #[must_use]
+    pub fn driver_port(&self, run_dir: &Path) -> PortConfig {
+        lidar_port(self.stream().port(run_dir), self.driver.model)
     }
 
     /// For `driver_lidar`.

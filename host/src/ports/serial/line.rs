@@ -101,6 +101,12 @@ fn set_up(
     {
         notes.push(format!("low_latency: {driver} does not support it: {error}"));
     }
+    if config.dtr_low
+        && driver != Driver::Pseudo
+        && let Err(error) = sys::lower_dtr(file)
+    {
+        notes.push(format!("DTR stays high, so that a motor that it switches stands: {driver}: {error}"));
+    }
     Ok(())
 }
 

@@ -180,6 +180,13 @@ impl Model {
         matches!(self, Self::Sick(_))
     }
 
+    /// True if DTR of its adapter has to be low: an RPLIDAR A1 turns only then, the others do not heed it (SLAMTEC's SDK
+    /// lowers it for all of them).
+    #[must_use]
+    pub fn wants_dtr_low(self) -> bool {
+        matches!(self, Self::Rplidar(_))
+    }
+
     /// Rate of a serial line as the device is delivered, Bd.
     #[must_use]
     pub fn usual_baud(self) -> u32 {
