@@ -180,8 +180,8 @@ impl Model {
         matches!(self, Self::Sick(_))
     }
 
-    /// True if DTR of its adapter has to be low: an RPLIDAR A1 turns only then, the others do not heed it (SLAMTEC's SDK
-    /// lowers it for all of them).
+    /// True if DTR of its adapter has to be low: an RPLIDAR A1 turns only then, and the others do not heed it. The SDK
+    /// of SLAMTEC lowers it for all of them.
     #[must_use]
     pub fn wants_dtr_low(self) -> bool {
         matches!(self, Self::Rplidar(_))
