@@ -61,6 +61,7 @@ pub mod probe;
 pub mod rplidar;
 mod scan;
 pub mod sick;
+pub mod ydlidar;
 
 pub use engine::{Bytes, Lidar, Optics, Progress, Protocol, REST, SILENT_AFTER, Shared};
 pub use event::{Counters, Event, Fault, FieldResult, Health, LostReason, State, Text, Zone};
