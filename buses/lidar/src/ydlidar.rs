@@ -26,7 +26,9 @@ pub mod wire;
 pub use protocol::Commands;
 
 use crate::engine::Lidar;
+use crate::event::Text;
 use crate::ld::NoEcho;
+use crate::rplidar::wire::Info;
 use base::listed;
 
 listed! {
@@ -40,7 +42,7 @@ listed! {
     }
 }
 
-/// Number of a model by the manuals, of both alike.
+/// Number of the model in the manual of the G4, and of other models.
 const ANY: u8 = 4;
 
 impl Model {
@@ -53,7 +55,7 @@ impl Model {
         }
     }
 
-    /// True if a device with this number in its identity may be this model. The manuals have 4 for both.
+    /// True if a device with this number in its identity may be this model. Manuals of several models have 4.
     #[must_use]
     pub fn may_have(self, number: u8) -> bool {
         [self.number(), ANY].contains(&number)
@@ -102,6 +104,11 @@ impl Model {
             Self::G4 => (0.28, 16.0),
         }
     }
+}
+
+/// Serial number of a device for people: digits, one in a byte of the identity.
+pub(crate) fn serial(info: &Info) -> Text {
+    info.serial.iter().map(|digit| if *digit < 10 { b'0' + digit } else { b'?' }).collect()
 }
 
 /// What is configured.

@@ -238,9 +238,6 @@ impl crate::emulated::Device for Device {
 
     /// As far as the motor turns at its full speed, and what lies beside the sweep.
     fn measures(&self, until: Instant) -> (usize, usize) {
-        if !self.scans() {
-            return (0, 0);
-        }
         let turns_rad = TAU * self.full_hz() * until.since(self.at).as_secs_f64();
         swept(self.angle - BEHIND_RAD, self.angle + turns_rad + BEFORE_RAD)
     }

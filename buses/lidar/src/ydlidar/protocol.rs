@@ -3,10 +3,10 @@
 use super::wire::{
     self, LENGTH_MAX, Packet, RATES, TURN_Q6, ahead_q6, answer, command, correction_rad, far_rad, radians,
 };
-use super::{Config, Model};
+use super::{Config, Model, serial};
 use crate::builder::{Builder, Sample, Step};
 use crate::engine::{Optics, Progress, Protocol, Shared};
-use crate::event::{Fault, Health, LostReason, Text, text};
+use crate::event::{Fault, Health, LostReason, text};
 use crate::rplidar::receiver::Receiver;
 use crate::rplidar::wire::{Descriptor, Info, encode};
 use base::{Duration, Instant};
@@ -80,28 +80,6 @@ pub struct Commands {
     builder: Builder,
 }
 
-/// Name, numbers and serial number of a device, which are digits, one in a byte.
-pub(crate) fn serial(info: &Info) -> Text {
-    let digit = |byte: &u8| char::from_digit(u32::from(*byte), 10);
-    let mut serial = Text::new();
-    for byte in &info.serial {
-        let digit = digit(byte).map_or(b'?', |digit| digit as u8);
-        // There is room for 16.
-        let _ = serial.push(digit);
-    }
-    serial
-}
-
-/// Health by an answer of three bytes; the manuals have these three states.
-pub(crate) fn health(status: u8, code: u16) -> Health {
-    let code = code.into();
-    match status {
-        0 => Health::Good,
-        1 => Health::Warning { code },
-        _ => Health::Error { code },
-    }
-}
-
 impl Commands {
     pub(super) fn new(config: Config) -> Self {
         Self {
@@ -147,7 +125,7 @@ impl Commands {
                 None => self.unfit(shared),
             },
             (Ask::Health, answer::HEALTH, [status, low, high]) => {
-                self.healthy(now, health(*status, u16::from_le_bytes([*low, *high])), shared)
+                self.healthy(now, *status, u16::from_le_bytes([*low, *high]).into(), shared)
             }
             (Ask::Rate, answer::VALUE, [number]) => {
                 let Some((samples_per_s, range_min_m)) = RATES.get(usize::from(*number)) else {
@@ -186,9 +164,14 @@ impl Commands {
         self.next(now, Ask::Health, shared)
     }
 
-    fn healthy(&mut self, now: Instant, health: Health, shared: &mut Shared) -> Progress {
+    fn healthy(&mut self, now: Instant, status: u8, code: u32, shared: &mut Shared) -> Progress {
+        let health = match status {
+            0 => Health::Good,
+            1 => Health::Warning { code },
+            _ => Health::Error { code },
+        };
         shared.health(health);
-        if let Health::Error { code } = health {
+        if matches!(health, Health::Error { .. }) {
             if !self.was_restarted {
                 shared.send(&encode(self.config.model.restart(), &[]));
             }

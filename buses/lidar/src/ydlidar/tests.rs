@@ -104,7 +104,7 @@ fn identities_survive_their_encoding() {
         Info { model: 6, firmware: (1, 10), hardware: 1, serial: *b"\x02\0\x02\0\0\x06\x02\x02\0\0\0\0\x02\x02\0\x09" };
     assert_eq!(Info::decode(&info.encode()), Some(info));
     // Issue of YDLidar-SDK: an X4 with this serial number, as the SDK prints it.
-    assert_eq!(&super::protocol::serial(&info)[..], b"2020062200002209");
+    assert_eq!(&super::serial(&info)[..], b"2020062200002209");
 }
 
 #[test]
@@ -273,7 +273,7 @@ fn another_model_is_refused_and_sent_no_scan() {
     bench.pass(ms(1000));
     assert!(bench.has(&Seen::Lost(LostReason::Identity)), "{:?}", bench.seen);
     assert!(bench.sent.iter().all(|command| command[1] != command::SCAN));
-    // The manuals have another number, the same for both.
+    // Manuals have another number, the same for several models.
     assert!(Model::ALL.into_iter().all(|model| model.may_have(4) && !model.may_have(8)));
     assert!(!Model::X4.may_have(Model::G4.number()) && !Model::G4.may_have(Model::X4.number()));
 }
