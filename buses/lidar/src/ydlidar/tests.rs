@@ -112,7 +112,6 @@ fn a_damaged_bit_anywhere_is_refused() {
     for bit in 0..RECORDED.len() * 8 {
         let mut bytes = RECORDED;
         bytes[bit / 8] ^= 1 << (bit % 8);
-        // The lower bits of the kind of other packets have no meaning, and are in the checksum, too.
         assert_eq!(Packet::decode(&bytes), None, "bit {bit}");
     }
     for end in 0..RECORDED.len() {
@@ -165,6 +164,27 @@ fn every_model_starts_and_measures_its_surroundings() {
         let turn = next.map(|next| next.since(sectors[0].at)).unwrap_or_default();
         let expected = if model == Model::X4 { Duration::from_micros(142_857) } else { ms(100) };
         assert!(turn.abs_diff(expected) < ms(6), "{model}: {turn:?}");
+    }
+}
+
+#[test]
+fn beams_are_as_old_as_their_packet_and_the_line_make_them() {
+    for model in Model::ALL {
+        let mut bench = bench(model);
+        bench.run();
+        let mut oldest = Duration::ZERO;
+        for _ in 0..1500 {
+            let before = bench.sectors.len();
+            bench.pass(ms(1));
+            for sector in &bench.sectors[before..] {
+                let last = (sector.ranges_m.len() - 1) as f64 * sector.beam_time_s;
+                let age = bench.now.since(sector.at + Duration::from_secs_f64(last));
+                assert!(age >= ms(1), "{model}: {age:?}");
+                oldest = oldest.max(age);
+            }
+        }
+        // A packet of 8 ms (X4) or 9 ms (G4), 7 ms on the wire, a sample, and a step of the test.
+        assert!((ms(12)..ms(18)).contains(&oldest), "{model}: {oldest:?}");
     }
 }
 
@@ -315,6 +335,23 @@ fn a_slow_motor_marks_its_sectors() {
         bench.pass(ms(700));
         assert!(bench.has(&Seen::Fault(Fault::Slow, true)));
         assert!(!bench.sectors.is_empty() && bench.sectors.iter().all(|it| it.status == Status::Slow), "{model}");
+    }
+}
+
+#[test]
+fn a_speed_that_the_device_says_counts_too() {
+    let mut bench = scanning(Model::G4);
+    for (tenths, is_slow) in [(0, false), (30, true), (100, false), (127, false), (44, true)] {
+        for n in 0..18_u16 {
+            let first = n * 1280 % 23_040;
+            if n == 0 {
+                let start = Packet { starts: true, speed: tenths, ..packet(23_039, 23_039, 1) };
+                bench.engine.handle_rx(bench.now, &start.encode());
+            }
+            bench.engine.handle_rx(bench.now, &packet(first, first + 1248, 40).encode());
+            bench.step();
+        }
+        assert_eq!(bench.engine.is_active(Fault::Slow), is_slow, "{tenths}");
     }
 }
 
