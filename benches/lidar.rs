@@ -30,7 +30,7 @@ use guard::{Ackermann, Guard, Lidar, Ranging, Settings};
 use lidar::emulated::{DIRECTIONS, Device as Emulated};
 use lidar::ld::NoEcho;
 use lidar::sick::{Dialect, Family};
-use lidar::{hokuyo, ld, rplidar, sick};
+use lidar::{hokuyo, ld, rplidar, sick, ydlidar};
 use messages::Message;
 use messages::lowlevel::{DataGuard, DataMotion, DataScan};
 use module::bench::Bench;
@@ -73,10 +73,11 @@ const fn kind(name: &'static str, model: Model, turn_ms: u64) -> Kind {
     Kind { name, model, turn: Duration::from_millis(turn_ms) }
 }
 
-const KINDS: [Kind; 5] = [
+const KINDS: [Kind; 6] = [
     kind("ld19", Model::Ld(ld::Model::Ld19), 100),
     kind("rplidar-c1", Model::Rplidar(rplidar::Model::C1), 100),
     kind("rplidar-a3", Model::Rplidar(rplidar::Model::A3), 100),
+    kind("ydlidar-g4", Model::Ydlidar(ydlidar::Model::G4), 100),
     kind("sick-tim7xx", Model::Sick(Family::Tim7xx), 67),
     kind("utm-30lx", Model::Hokuyo("UTM-30LX"), 25),
 ];
@@ -89,6 +90,7 @@ impl Kind {
         match self.model {
             Model::Ld(model) => Box::new(ld::emulated::Device::new(model)),
             Model::Rplidar(model) => Box::new(rplidar::emulated::Device::new(model)),
+            Model::Ydlidar(model) => Box::new(ydlidar::emulated::Device::new(model)),
             Model::Sick(family) => Box::new(sick::emulated::Device::new(family, Dialect::Binary)),
             Model::Hokuyo(_) => Box::new(hokuyo::emulated::Device::new(hokuyo::emulated::Model::UTM_30LX)),
         }
@@ -107,7 +109,8 @@ impl Kind {
             mode: None,
             dialect: Dialect::Binary,
         };
-        let baud = matches!(self.model, Model::Ld(_) | Model::Rplidar(_)).then(|| self.model.usual_baud());
+        let is_serial = matches!(self.model, Model::Ld(_) | Model::Rplidar(_) | Model::Ydlidar(_));
+        let baud = is_serial.then(|| self.model.usual_baud());
         let device = Device { name: "front".into(), bus: "lidar.front".into(), baud, keys, stop: StopKeys::usual() };
         let module = Lidars::new(Config { devices: vec![device] });
         let mut bench = Bench::new(Shell::new(ShellConfig::new(drivers::lidar::NAME), Box::new(module)));

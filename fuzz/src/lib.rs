@@ -47,6 +47,7 @@ targets! {
     lidar_ld,
     lidar_rplidar,
     lidar_sick,
+    lidar_ydlidar,
     logs,
     messages,
     modbus_engines,

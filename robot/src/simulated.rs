@@ -166,6 +166,7 @@ fn lidar(lidar: &Lidar) -> LidarConfig {
         model: match model {
             Model::Ld(model) => LidarModel::Ld(model),
             Model::Rplidar(model) => LidarModel::Rplidar(model),
+            Model::Ydlidar(model) => LidarModel::Ydlidar(model),
             Model::Sick(family) => LidarModel::Sick(family, dialect),
             Model::Hokuyo(name) => LidarModel::hokuyo(name),
         },

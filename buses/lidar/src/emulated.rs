@@ -1,7 +1,7 @@
 //! What the emulated devices have in common: their surroundings, their faults, and the line to the engine.
 //!
-//! A device is at `ld::emulated`, `rplidar::emulated`, `sick::emulated` and `hokuyo::emulated`. It is fed bytes and
-//! time, and drained of the bytes that the line carries by then.
+//! A device is at `ld::emulated`, `rplidar::emulated`, `ydlidar::emulated`, `sick::emulated` and `hokuyo::emulated`. It
+//! is fed bytes and time, and drained of the bytes that the line carries by then.
 
 mod line;
 

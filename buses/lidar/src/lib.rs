@@ -1,5 +1,5 @@
-//! 2D lidars: [`ld`] (LDROBOT LD06, LD19, STL-19P), [`rplidar`] (A1, A2, A3, C1, S2), [`sick`] (LMS1xx, TiM5xx, TiM7xx,
-//! CoLa A and B) and [`hokuyo`] (SCIP 2.0), each with its emulated device.
+//! 2D lidars: [`ld`] (LDROBOT LD06, LD19, STL-19P), [`rplidar`] (A1, A2, A3, C1, S2), [`ydlidar`] (X4, G4), [`sick`]
+//! (LMS1xx, TiM5xx, TiM7xx, CoLa A and B) and [`hokuyo`] (SCIP 2.0), each with its emulated device.
 //!
 //! Everything here is sans-IO: it reads no clock and owns no port. The engine, [`Lidar`], is the same for all devices;
 //! a protocol decides what is on the wire. Measurements come as [`Sector`]s of at most an eighth of a revolution, with
@@ -61,6 +61,7 @@ pub mod probe;
 pub mod rplidar;
 mod scan;
 pub mod sick;
+pub mod ydlidar;
 
 pub use engine::{Bytes, Lidar, Optics, Progress, Protocol, REST, SILENT_AFTER, Shared};
 pub use event::{Counters, Event, Fault, FieldResult, Health, LostReason, State, Text, Zone};

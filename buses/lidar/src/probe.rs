@@ -2,19 +2,20 @@
 //!
 //! A [`Probe`] asks for identity and state in one protocol, and changes nothing in the device: it starts no scan, no
 //! motor and no measurement, and logs in nowhere. An LDROBOT is not asked at all, since it sends by itself. One
-//! exception: an RPLIDAR that scans answers nothing else, so if bytes arrive instead of an answer its scan is stopped
-//! before it is asked once more.
+//! exception: an RPLIDAR or YDLIDAR that scans answers nothing else, so if bytes arrive instead of an answer its scan is
+//! stopped before it is asked once more.
 //!
 //! | protocol | asked for |
 //! |---|---|
 //! | LDROBOT | nothing; packets with a right checksum |
 //! | RPLIDAR | `GET_INFO`, `GET_HEALTH`; from firmware 1.24 on the desired speed of the motor |
+//! | YDLIDAR | device information, health; of a G4 the set speed of the motor |
 //! | CoLa | `DeviceIdent`, `SerialNumber`, `SCdevicestate`, `LCMstate`, `LMPscancfg`; what is refused is left out |
 //! | SCIP 2.0 | `VV`, `PP`, `II`; valid while the sensor scans, too |
 //!
 //! Time and memory are bounded whatever arrives: a probe ends after [`LIMIT`], or after [`BYTES_MAX`].
 //!
-//! Sources as in [`rplidar`], [`sick`] and [`hokuyo`](crate::hokuyo); `SerialNumber` and `LMPscancfg`:
+//! Sources as in [`rplidar`], [`ydlidar`], [`sick`] and [`hokuyo`](crate::hokuyo); `SerialNumber` and `LMPscancfg`:
 //! SICK's published driver `sick_scan_xd`, its table of commands and its recorded answers.
 
 mod answers;
@@ -24,7 +25,7 @@ mod tests;
 use crate::engine::Bytes;
 use crate::event::{Health, Text};
 use crate::sick::wire::{TELEGRAM_MAX, Writer};
-use crate::{ld, rplidar, sick};
+use crate::{ld, rplidar, sick, ydlidar};
 use alloc::vec::Vec;
 use base::{Duration, Instant, Queue, earliest};
 
@@ -34,7 +35,7 @@ pub const LIMIT: Duration = Duration::from_secs(4);
 pub const BYTES_MAX: usize = 512 * 1024;
 /// Bytes that are kept for an answer at most.
 const RX_MAX: usize = TELEGRAM_MAX;
-/// RPLIDAR: more bytes than any answer has; they come from a scan.
+/// RPLIDAR, YDLIDAR: more bytes than any answer has; they come from a scan.
 const ANSWER_MAX: usize = 100;
 /// Attempts of a question.
 const TRIES: u8 = 2;
@@ -42,7 +43,7 @@ const TRIES: u8 = 2;
 const PACKETS: u32 = 192;
 /// Packets of an LDROBOT by which it is recognized, one right after the other.
 const PACKETS_MIN: u32 = 4;
-/// Time in which what a stopped RPLIDAR had under way arrives.
+/// Time in which what a stopped RPLIDAR or YDLIDAR had under way arrives.
 const STOPPING: Duration = Duration::from_millis(30);
 
 /// Protocol in which a line is asked.
@@ -52,6 +53,8 @@ pub enum Kind {
     Ld,
     /// SLAMTEC.
     Rplidar,
+    /// YDLIDAR.
+    Ydlidar,
     /// SICK, in this dialect.
     Cola(sick::Dialect),
     /// Hokuyo, SCIP 2.0.
@@ -65,6 +68,7 @@ impl Kind {
         match self {
             Self::Ld => "LDROBOT",
             Self::Rplidar => "RPLIDAR",
+            Self::Ydlidar => "YDLIDAR",
             Self::Cola(sick::Dialect::Text) => "CoLa A",
             Self::Cola(sick::Dialect::Binary) => "CoLa B",
             Self::Scip => "SCIP 2.0",
@@ -74,17 +78,27 @@ impl Kind {
     const fn asks(self) -> &'static [Ask] {
         match self {
             Self::Ld => &[Ask::Listen],
-            Self::Rplidar => &[Ask::Info, Ask::Health, Ask::Speed],
+            Self::Rplidar | Self::Ydlidar => &[Ask::Info, Ask::Health, Ask::Speed],
             Self::Cola(_) => &[Ask::Identity, Ask::Serial, Ask::DeviceState, Ask::Contamination, Ask::ScanConfig],
             Self::Scip => &[Ask::Version, Ask::Parameters, Ask::State],
         }
+    }
+
+    /// What ends a scan, during which the device answers nothing else.
+    fn stop(self) -> Option<Bytes> {
+        let number = match self {
+            Self::Rplidar => rplidar::wire::request::STOP,
+            Self::Ydlidar => ydlidar::wire::command::STOP,
+            Self::Ld | Self::Cola(_) | Self::Scip => return None,
+        };
+        Some(rplidar::wire::encode(number, &[]))
     }
 
     /// Time limit of an answer; of a Hokuyo also that of a line with 19200 bit/s.
     const fn within(self) -> Duration {
         match self {
             Self::Ld => Duration::from_millis(900),
-            Self::Rplidar => Duration::from_millis(150),
+            Self::Rplidar | Self::Ydlidar => Duration::from_millis(150),
             Self::Cola(_) => Duration::from_millis(400),
             Self::Scip => Duration::from_millis(350),
         }
@@ -123,6 +137,8 @@ pub struct Identity {
     pub serial: Text,
     /// RPLIDAR: the model by its number, if it is one of those that the engine knows.
     pub rplidar: Option<rplidar::Model>,
+    /// YDLIDAR: the number of its model.
+    pub ydlidar: Option<u8>,
     /// Its own judgement, with the code of its protocol; of a SICK the worse of state and contamination.
     pub health: Option<Health>,
     /// SICK: code of `SCdevicestate`: 0 busy, 1 ready, others errors.
@@ -148,6 +164,7 @@ impl Identity {
             hardware: Text::new(),
             serial: Text::new(),
             rplidar: None,
+            ydlidar: None,
             health: None,
             state: None,
             contamination: None,
@@ -219,10 +236,10 @@ pub struct Probe {
     arrived: usize,
     /// End of everything.
     limit: Instant,
-    /// RPLIDAR: its scan was stopped.
+    /// RPLIDAR, YDLIDAR: its scan was stopped.
     was_stopped: bool,
-    /// RPLIDAR: it answers requests for its configuration.
-    has_conf: bool,
+    /// RPLIDAR, YDLIDAR: it can be asked for its set speed.
+    has_speed: bool,
     identity: Identity,
     /// The device was recognized.
     is_found: bool,
@@ -253,7 +270,7 @@ impl Probe {
             arrived: 0,
             limit: Instant::NEVER,
             was_stopped: false,
-            has_conf: false,
+            has_speed: false,
             identity: Identity::new(kind),
             is_found: false,
             packets: Packets::default(),
@@ -332,7 +349,7 @@ impl Probe {
     fn ask(&mut self, now: Instant, number: usize) {
         match self.kind.asks().get(number) {
             None => self.end(),
-            Some(Ask::Speed) if !self.has_conf => self.ask(now, number + 1),
+            Some(Ask::Speed) if !self.has_speed => self.ask(now, number + 1),
             Some(_) => self.send(now, number, TRIES),
         }
     }
@@ -353,9 +370,13 @@ impl Probe {
         if self.kind == Kind::Ld {
             self.measured();
             self.end();
-        } else if self.kind == Kind::Rplidar && number == 0 && is_streaming && !self.was_stopped {
+        } else if let Some(stop) = self.kind.stop()
+            && number == 0
+            && is_streaming
+            && !self.was_stopped
+        {
             self.was_stopped = true;
-            self.tx.push(rplidar::wire::encode(rplidar::wire::request::STOP, &[]));
+            self.tx.push(stop);
             self.phase = Phase::Stopping { until: now + STOPPING };
         } else if tries > 1 {
             self.send(now, number, tries - 1);
@@ -368,6 +389,7 @@ impl Probe {
 
     fn request(&self, ask: Ask) -> Option<Bytes> {
         use rplidar::wire::{conf, encode, get_conf, request};
+        use ydlidar::wire::command;
         let line = |text: &[u8]| Bytes::from_slice(text).ok();
         let read = |name| match self.kind {
             Kind::Cola(dialect) => Bytes::from_slice(&Writer::<80>::new(dialect, name).frame()).ok(),
@@ -375,6 +397,9 @@ impl Probe {
         };
         match ask {
             Ask::Listen => None,
+            Ask::Info if self.kind == Kind::Ydlidar => Some(encode(command::GET_INFO, &[])),
+            Ask::Health if self.kind == Kind::Ydlidar => Some(encode(command::GET_HEALTH, &[])),
+            Ask::Speed if self.kind == Kind::Ydlidar => Some(encode(command::GET_SPEED, &[])),
             Ask::Info => Some(encode(request::GET_INFO, &[])),
             Ask::Health => Some(encode(request::GET_HEALTH, &[])),
             Ask::Speed => Some(get_conf(conf::DESIRED_SPEED, None)),
@@ -395,6 +420,7 @@ impl Probe {
         match self.kind {
             Kind::Ld => self.take_packet(),
             Kind::Rplidar => self.take_answer(*ask),
+            Kind::Ydlidar => self.take_value(*ask),
             Kind::Cola(dialect) => self.take_telegram(*ask, dialect),
             Kind::Scip => self.take_line(*ask),
         }
@@ -402,7 +428,8 @@ impl Probe {
 }
 
 /// Requests that end what [`Lidar`](crate::Lidar) started, for a tool that leaves: an RPLIDAR stops scanning, and its
-/// motor if it is commanded; a SICK sends no more scans; a Hokuyo goes to rest. An LDROBOT takes no requests.
+/// motor if it is commanded; a YDLIDAR stops scanning; a SICK sends no more scans; a Hokuyo goes to rest. An LDROBOT
+/// takes no requests.
 #[must_use]
 pub fn farewell(kind: Kind, rplidar: Option<rplidar::Model>) -> Vec<Bytes> {
     use rplidar::Motor;
@@ -415,8 +442,9 @@ pub fn farewell(kind: Kind, rplidar: Option<rplidar::Model>) -> Vec<Bytes> {
                 Some(Motor::Rpm(_)) => Some(encode(request::SET_MOTOR_RPM, &0_u16.to_le_bytes())),
                 Some(Motor::None) | None => None,
             };
-            [Some(encode(request::STOP, &[])), motor].into_iter().flatten().collect()
+            kind.stop().into_iter().chain(motor).collect()
         }
+        Kind::Ydlidar => kind.stop().into_iter().collect(),
         Kind::Cola(dialect) => {
             let telegram = Writer::<80>::new(dialect, "sEN LMDscandata").blank().u8(0).frame();
             Bytes::from_slice(&telegram).into_iter().collect()

@@ -14,6 +14,7 @@
 mod capsule;
 pub mod emulated;
 mod protocol;
+pub(crate) mod receiver;
 #[cfg(test)]
 mod tests;
 pub mod wire;

@@ -1,5 +1,5 @@
-//! Emulated devices against readers of others: SLAMTEC's own SDK (`pyrplidarsdk`), `lds2d` and `hokuyolx`. With
-//! LIDAR_SECONDS=600 each reads for ten minutes.
+//! Emulated devices against readers of others: SLAMTEC's own SDK (`pyrplidarsdk`), `lds2d`, `PyLidar3` and `hokuyolx`.
+//! With LIDAR_SECONDS=600 each reads for ten minutes.
 
 #![allow(
     clippy::unwrap_used,
@@ -10,7 +10,7 @@
 
 use base::Instant;
 use lidar::emulated::{DIRECTIONS, Device};
-use lidar::{hokuyo, ld, rplidar};
+use lidar::{hokuyo, ld, rplidar, ydlidar};
 use std::io::{ErrorKind, Read, Write};
 use std::net::{Ipv4Addr, TcpListener};
 use std::path::Path;
@@ -108,6 +108,29 @@ fn lds2d_reads_single_samples_of_an_a1() {
 #[test]
 fn lds2d_reads_single_samples_of_a_c1() {
     lds2d("lds2d:RPLIDAR-C1", rplidar::emulated::Device::new(rplidar::Model::C1));
+}
+
+#[test]
+fn lds2d_reads_packets_of_a_ydlidar_x4() {
+    lds2d("lds2d:YDLIDAR-X4", ydlidar::emulated::Device::new(ydlidar::Model::X4));
+}
+
+/// `PyLidar3` reads a device.
+#[track_caller]
+fn pylidar3(model: ydlidar::Model) {
+    let kind = std::format!("pylidar3:{}", model.number());
+    let status = serve(&kind, &["serial", "PyLidar3"], ydlidar::emulated::Device::new(model));
+    assert!(status.is_none_or(|status| status.success()));
+}
+
+#[test]
+fn pylidar3_reads_identity_health_and_packets_of_an_x4() {
+    pylidar3(ydlidar::Model::X4);
+}
+
+#[test]
+fn pylidar3_reads_identity_health_and_packets_of_a_g4() {
+    pylidar3(ydlidar::Model::G4);
 }
 
 /// SLAMTEC's own SDK reads a device.

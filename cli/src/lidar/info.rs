@@ -10,6 +10,7 @@ use ::lidar::ld::{self, LdLidar, NoEcho};
 use ::lidar::probe::{Identity, Kind, Probe};
 use ::lidar::rplidar::{self, Rplidar};
 use ::lidar::sick::{self, Sick};
+use ::lidar::ydlidar::{self, Ydlidar};
 use ::lidar::{Health, LostReason};
 use base::Duration;
 use drivers::lidar::Model;
@@ -30,7 +31,7 @@ pub struct Info {
     json: bool,
 }
 
-/// Time in which the motor of an RPLIDAR reaches its speed.
+/// Time in which the motor of an RPLIDAR or YDLIDAR reaches its speed.
 const SPIN_UP: Duration = Duration::from_millis(2500);
 /// Width of the names of figures, and of lidars.
 const WIDTH: usize = 10;
@@ -85,6 +86,7 @@ fn start(line: &mut Line, target: &Target) -> Result<Option<Measured>, Failed> {
     match target.model {
         Model::Ld(model) => line.measure(LdLidar::new(ld::Config { model, no_echo }), Duration::ZERO),
         Model::Rplidar(model) => line.measure(Rplidar::new(rplidar::Config::new(model)), SPIN_UP),
+        Model::Ydlidar(model) => line.measure(Ydlidar::new(ydlidar::Config::new(model)), SPIN_UP),
         Model::Sick(family) => line.measure(Sick::new(sick::Config::new(family, target.dialect)), Duration::ZERO),
         Model::Hokuyo(name) => line.measure(Hokuyo::new(hokuyo::Config::new(name)), Duration::ZERO),
     }
@@ -95,6 +97,7 @@ fn is_ours(target: &Target, identity: &Identity) -> bool {
     match target.model {
         Model::Ld(_) => true,
         Model::Rplidar(model) => identity.rplidar == Some(model),
+        Model::Ydlidar(model) => identity.ydlidar.is_some_and(|number| model.may_have(number)),
         Model::Sick(family) => identity.model.starts_with(family.name_begins().as_bytes()),
         Model::Hokuyo(name) => identity.model.starts_with(name.as_bytes()),
     }
@@ -149,7 +152,9 @@ fn contamination_text(level: u8) -> String {
 
 /// Figures of what it said, by name, for people.
 pub fn said(identity: &Identity) -> Vec<(&'static str, String)> {
-    let known = identity.rplidar.map(|model| format!(" ({model})")).unwrap_or_default();
+    let ydlidar = ydlidar::Model::ALL.into_iter().find(|model| identity.ydlidar == Some(model.number()));
+    let known = identity.rplidar.map(rplidar::Model::name).or_else(|| ydlidar.map(ydlidar::Model::name));
+    let known = known.map(|name| format!(" ({name})")).unwrap_or_default();
     let model = match identity.kind {
         Kind::Ld => "does not say it; LD06, LD19 or STL-19P".into(),
         _ => format!("{}{known}", words(&identity.model)),
@@ -373,6 +378,25 @@ mod tests {
         // Another model than expected is shown, and not started.
         let (lines, is_well) = shown(&served.port, Model::Rplidar(rplidar::Model::C1), false);
         assert!(!is_well && has(&lines, "expected", "rplidar-c1: the driver refuses this one"), "{lines:#?}");
+    }
+
+    #[test]
+    fn a_ydlidar_says_who_it_is_and_is_measured() {
+        let served = Served::serial(|| Box::new(ydlidar::emulated::Device::new(ydlidar::Model::G4)));
+        let (lines, is_well) = shown(&served.port, Model::Ydlidar(ydlidar::Model::G4), false);
+        assert!(lines[0].starts_with("front      ydlidar-g4 at ") && is_well, "{lines:#?}");
+        for (what, value) in [
+            ("model", "YDLIDAR model 5 (ydlidar-g4)"),
+            ("firmware", "1.10"),
+            ("serial", "2020062200002209"),
+            ("health", "good"),
+            ("set to", "10.0 turns/s"),
+            ("faults", "none"),
+        ] {
+            assert!(has(&lines, what, value), "{what}: {lines:#?}");
+        }
+        let (lines, is_well) = shown(&served.port, Model::Ydlidar(ydlidar::Model::X4), false);
+        assert!(!is_well && has(&lines, "expected", "ydlidar-x4: the driver refuses this one"), "{lines:#?}");
     }
 
     #[test]

@@ -10,6 +10,7 @@ use crate::progress::Progress;
 use crate::{Common, Failed, Outcome, print};
 use ::lidar::probe::{Identity, Kind};
 use ::lidar::sick::{Dialect, Family};
+use ::lidar::ydlidar;
 use drivers::lidar::{MODELS, Model};
 use host::ports::PortConfig;
 use robot::config::Config;
@@ -151,22 +152,26 @@ fn used(common: &Common) -> Vec<(PortConfig, String)> {
 /// Rates and protocols of the engines' models on a serial line, in the order in which they are tried: who only has to
 /// be listened to comes first.
 fn attempts() -> Vec<(u32, Vec<Kind>)> {
-    let mut rates: BTreeMap<u32, Vec<Kind>> = BTreeMap::from([(HOKUYO_SERIAL, vec![Kind::Scip])]);
-    for (_, model) in MODELS.0.iter().filter(|(_, model)| !matches!(model, Model::Sick(_))) {
-        let kinds = rates.entry(model.usual_baud()).or_default();
-        let kind = kind(*model, Dialect::Binary);
-        if !kinds.contains(&kind) {
-            kinds.push(kind);
-        }
-    }
-    // What a Hokuyo does not know it refuses; an RPLIDAR waits for the rest of what it takes for a request.
+    // What a Hokuyo does not know it refuses; an RPLIDAR waits for the rest of what it takes for a request, as is each
+    // question for a YDLIDAR.
     let rank = |kind: &Kind| match kind {
         Kind::Ld => 0,
         Kind::Scip => 1,
         Kind::Rplidar | Kind::Cola(_) => 2,
+        Kind::Ydlidar => 3,
     };
+    // By rate, but who is asked last on his own.
+    let group = |kind: &Kind| *kind == Kind::Ydlidar;
+    let mut rates = BTreeMap::from([((false, HOKUYO_SERIAL), vec![Kind::Scip])]);
+    for (_, model) in MODELS.0.iter().filter(|(_, model)| !matches!(model, Model::Sick(_))) {
+        let kind = kind(*model, Dialect::Binary);
+        let kinds = rates.entry((group(&kind), model.usual_baud())).or_default();
+        if !kinds.contains(&kind) {
+            kinds.push(kind);
+        }
+    }
     rates.values_mut().for_each(|kinds| kinds.sort_by_key(rank));
-    let mut rates: Vec<(u32, Vec<Kind>)> = rates.into_iter().collect();
+    let mut rates: Vec<(u32, Vec<Kind>)> = rates.into_iter().map(|((_, rate), kinds)| (rate, kinds)).collect();
     rates.sort_by_key(|(_, kinds)| kinds.iter().map(rank).min());
     rates
 }
@@ -222,11 +227,19 @@ fn look(name: &str, used: &[(PortConfig, String)], show: &mut dyn FnMut(f64, &st
     Ok(Some(shut.filter(|_| !opened).map_or(Found::Nothing(received), Found::Shut)))
 }
 
-/// The model of the configuration that a device is.
-fn model(identity: &Identity) -> Option<Model> {
+/// The model of the configuration that a device is, which answered at this port.
+fn model(identity: &Identity, port: &PortConfig) -> Option<Model> {
     match identity.kind {
         Kind::Ld => identity.ld_model().map(Model::Ld),
         Kind::Rplidar => identity.rplidar.map(Model::Rplidar),
+        Kind::Ydlidar => {
+            let number = identity.ydlidar?;
+            // A number that both may have: the rate decides.
+            let is_rate =
+                |model: ydlidar::Model| matches!(port, PortConfig::Terminal(terminal) if terminal.baud == model.baud());
+            let is = |model: &ydlidar::Model| model.number() == number || model.may_have(number) && is_rate(*model);
+            ydlidar::Model::ALL.into_iter().find(is).map(Model::Ydlidar)
+        }
         Kind::Cola(_) => {
             let mut families = Family::ALL.into_iter();
             families.find(|family| identity.model.starts_with(family.name_begins().as_bytes())).map(Model::Sick)
@@ -244,7 +257,7 @@ impl Row {
         let (key, value) = match &self.found {
             Found::Lidar(port, identity) => {
                 let mut value = identity_json(identity);
-                value["driver"] = json!(model(identity).map(model_name));
+                value["driver"] = json!(model(identity, port).map(model_name));
                 value["baud"] = match port {
                     PortConfig::Terminal(terminal) => terminal.baud.into(),
                     _ => Value::Null,
@@ -280,7 +293,7 @@ fn text(rows: &[Row]) -> String {
                 let figures = said(identity).into_iter().map(|(what, value)| format!("{what} {value}"));
                 let figures = figures.collect::<Vec<_>>().join(", ");
                 add(&format!("# {}: {figures}", identity.kind.name()), "");
-                let Some(model) = model(identity) else {
+                let Some(model) = model(identity, port) else {
                     let what = words(&identity.model);
                     add(&format!("# {name}: there is no driver for {what}"), "");
                     add("", "");
@@ -402,7 +415,8 @@ mod tests {
         assert_eq!(attempts.iter().find(|(baud, _)| *baud == 115_200).unwrap().1, [Kind::Scip, Kind::Rplidar]);
         let mut rates: Vec<u32> = attempts.iter().map(|(baud, _)| *baud).collect();
         rates.sort_unstable();
-        assert_eq!(rates, [19_200, 115_200, 230_400, 256_000, 460_800, 1_000_000]);
+        assert_eq!(rates, [19_200, 115_200, 128_000, 230_400, 230_400, 256_000, 460_800, 1_000_000]);
+        assert!(attempts[attempts.len() - 2..].iter().all(|(_, kinds)| *kinds == [Kind::Ydlidar]));
     }
 
     #[test]
@@ -415,6 +429,11 @@ mod tests {
             let keys = keys(&text);
             assert_eq!(keys[..3], ["[lidar.lidar1]", model.as_str(), port.as_str()], "{text}");
             assert!(text.starts_with("# RPLIDAR: model RPLIDAR model 0x"), "{text}");
+        }
+        for (model, name) in [(ydlidar::Model::X4, "ydlidar-x4"), (ydlidar::Model::G4, "ydlidar-g4")] {
+            let served = Served::serial(move || Box::new(ydlidar::emulated::Device::new(model)));
+            let (_, text) = found(&served);
+            assert_eq!(keys(&text)[1], format!("model = \"{name}\""), "{text}");
         }
         let served = Served::serial(|| Box::new(hokuyo::emulated::Device::new(hokuyo::emulated::Model::URG_04LX)));
         let (row, text) = found(&served);

@@ -103,6 +103,7 @@ pub fn kind(model: Model, dialect: Dialect) -> Kind {
     match model {
         Model::Ld(_) => Kind::Ld,
         Model::Rplidar(_) => Kind::Rplidar,
+        Model::Ydlidar(_) => Kind::Ydlidar,
         Model::Sick(_) => Kind::Cola(dialect),
         Model::Hokuyo(_) => Kind::Scip,
     }

@@ -1,6 +1,6 @@
 //! 2D lidars, any number of them, each on a serial line or a TCP connection.
 //!
-//! Devices   by `[lidar.<name>]` of robot.toml (`docs/lidars.md`): LDROBOT, SLAMTEC, SICK, Hokuyo
+//! Devices   by `[lidar.<name>]` of robot.toml (`docs/lidars.md`): LDROBOT, SLAMTEC, YDLIDAR, SICK, Hokuyo
 //! Protocol  the engines of `lidar`: identity and health, start of the scan, then sectors
 //! Timing    a sector is published as soon as it is complete, with the instant of its first beam
 //! Silence   no measurement for 400 ms: reported, ERROR, started anew each time; what it looked at is unknown

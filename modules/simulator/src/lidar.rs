@@ -6,7 +6,7 @@ use base::serial::Word;
 use base::{Duration, Instant};
 use lidar::emulated::{DIRECTIONS, Device, Faults};
 use lidar::sick::{Dialect, Family};
-use lidar::{hokuyo, ld, rplidar, sick};
+use lidar::{hokuyo, ld, rplidar, sick, ydlidar};
 use navitools::Pose;
 use std::f64::consts::TAU;
 
@@ -45,6 +45,8 @@ pub enum LidarModel {
     Ld(ld::Model),
     /// SLAMTEC.
     Rplidar(rplidar::Model),
+    /// YDLIDAR.
+    Ydlidar(ydlidar::Model),
     /// SICK.
     Sick(Family, Dialect),
     /// Hokuyo.
@@ -73,6 +75,13 @@ impl LidarModel {
                     _ => 12.0,
                 };
                 (Box::new(rplidar::emulated::Device::new(model)), reach)
+            }
+            Self::Ydlidar(model) => {
+                let reach = match model {
+                    ydlidar::Model::X4 => 10.0,
+                    ydlidar::Model::G4 => 16.0,
+                };
+                (Box::new(ydlidar::emulated::Device::new(model)), reach)
             }
             Self::Sick(family, dialect) => {
                 let reach = f64::from(sick::Config::new(family, dialect).range_max_m);
@@ -380,6 +389,25 @@ mod tests {
         }
     }
 
+    /// An engine that commands its device.
+    trait Engine {
+        fn take(&mut self, now: Instant, bytes: &[u8]);
+        /// What it sends.
+        fn serve(&mut self, now: Instant) -> Vec<lidar::Bytes>;
+    }
+
+    impl<P: lidar::Protocol> Engine for lidar::Lidar<P> {
+        fn take(&mut self, now: Instant, bytes: &[u8]) {
+            self.handle_rx(now, bytes);
+        }
+
+        fn serve(&mut self, now: Instant) -> Vec<lidar::Bytes> {
+            self.handle_timeout(now);
+            while self.poll_event().is_some() {}
+            std::iter::from_fn(|| self.poll_tx()).collect()
+        }
+    }
+
     #[test]
     fn a_device_that_is_shown_what_it_measures_next_sends_the_same_bytes_as_one_that_is_shown_all() {
         let mut world = World::hall(6.0, 5.0);
@@ -392,6 +420,7 @@ mod tests {
             [rplidar::Model::A1, rplidar::Model::A2, rplidar::Model::A3, rplidar::Model::C1, rplidar::Model::S2]
                 .map(LidarModel::Rplidar),
         );
+        let models = models.chain([ydlidar::Model::X4, ydlidar::Model::G4].map(LidarModel::Ydlidar));
         let ms = Instant::from_millis;
         for (n, model) in models.enumerate() {
             let config = LidarConfig { model, upside_down: n % 2 == 1, mount: Pose::new(0.2, 0.1, 0.7), ..ld19() };
@@ -402,8 +431,9 @@ mod tests {
             all.all[0].device = Box::new(All(inner));
             let mut random = crate::random::Random::new(n as u64);
             let (mut now, mut sent) = (Instant::ZERO, 0);
-            let mut engine = match model {
-                LidarModel::Rplidar(model) => Some(rplidar::Rplidar::new(rplidar::Config::new(model))),
+            let mut engine: Option<Box<dyn Engine>> = match model {
+                LidarModel::Rplidar(model) => Some(Box::new(rplidar::Rplidar::new(rplidar::Config::new(model)))),
+                LidarModel::Ydlidar(model) => Some(Box::new(ydlidar::Ydlidar::new(ydlidar::Config::new(model)))),
                 _ => None,
             };
             while now < ms(9000) {
@@ -433,16 +463,14 @@ mod tests {
                     let Some((_, words)) = words else { break };
                     sent += words.len();
                     let bytes: Vec<u8> = words.iter().map(|word| word.byte).collect();
-                    engine.iter_mut().for_each(|engine| engine.handle_rx(now, &bytes));
+                    engine.iter_mut().for_each(|engine| engine.take(now, &bytes));
                 }
                 if let Some(engine) = &mut engine {
-                    engine.handle_timeout(now);
-                    while let Some(request) = engine.poll_tx() {
+                    for request in engine.serve(now) {
                         let words: Vec<Word> = request.iter().copied().map(Word::data).collect();
                         some.on_words(now, 0, &words);
                         all.on_words(now, 0, &words);
                     }
-                    while engine.poll_event().is_some() {}
                 }
             }
             assert!(sent > 20_000, "{model:?}: {sent} bytes");

@@ -8,6 +8,7 @@ use crate::rplidar;
 use crate::rplidar::wire::{DESCRIPTOR, Descriptor, Info, answer, conf};
 use crate::sick::Dialect;
 use crate::sick::wire::{ETX, HEADER_B, Reader, STX, TELEGRAM_MAX, checksum};
+use crate::ydlidar;
 
 /// Time between packets of an LDROBOT that follow each other at most, ms; usually it is below 3.
 const GAP_MS: u32 = 50;
@@ -86,33 +87,66 @@ impl Probe {
             Ask::Health => (answer::HEALTH, 3),
             _ => (answer::CONF, 8),
         };
-        // Bytes before it belong to a scan that was under way.
-        let Some(begin) = self.rx.len().checked_sub(DESCRIPTOR + len) else { return false };
-        let (head, payload) = self.rx[begin..].split_at(DESCRIPTOR);
-        let descriptor = <&[u8; DESCRIPTOR]>::try_from(head).ok().and_then(Descriptor::decode);
-        if descriptor != Some(Descriptor { len: len as u32, many: false, kind }) {
-            return false;
-        }
+        let Some(payload) = self.payload(kind, len) else { return false };
         match ask {
             Ask::Info => {
                 let Some(info) = Info::decode(payload) else { return false };
-                self.has_conf = info.has_conf();
-                (self.is_found, self.identity) = (true, identified(&info, &self.identity));
+                self.identity = identified(&info, &self.identity);
+                (self.is_found, self.has_speed) = (true, info.has_conf());
             }
             Ask::Health => {
-                let [status, low, high] = *payload else { return false };
-                let code = u16::from_le_bytes([low, high]).into();
-                self.identity.health = Some(match status {
-                    0 => Health::Good,
-                    1 => Health::Warning { code },
-                    _ => Health::Error { code },
-                });
+                let Some(health) = health(payload) else { return false };
+                self.identity.health = Some(health);
             }
             _ => {
                 let Some([low, high, ..]) = payload.strip_prefix(&conf::DESIRED_SPEED.to_le_bytes()) else {
                     return false;
                 };
                 self.identity.rate_hz = Some(f64::from(u16::from_le_bytes([*low, *high])) / 60.0);
+            }
+        }
+        true
+    }
+
+    /// Payload of an answer of this type and length, if it is complete. Bytes before it belong to a scan that was under
+    /// way.
+    fn payload(&self, kind: u8, len: usize) -> Option<&[u8]> {
+        let begin = self.rx.len().checked_sub(DESCRIPTOR + len)?;
+        let (head, payload) = self.rx[begin..].split_at(DESCRIPTOR);
+        let descriptor = <&[u8; DESCRIPTOR]>::try_from(head).ok().and_then(Descriptor::decode);
+        (descriptor == Some(Descriptor { len: len as u32, many: false, kind })).then_some(payload)
+    }
+
+    /// True if the answer of a YDLIDAR is complete.
+    pub(super) fn take_value(&mut self, ask: Ask) -> bool {
+        use ydlidar::wire::answer::{HEALTH, VALUE};
+        let (kind, len) = match ask {
+            Ask::Info => (VALUE, 20),
+            Ask::Health => (HEALTH, 3),
+            _ => (VALUE, 4),
+        };
+        let Some(payload) = self.payload(kind, len) else { return false };
+        match ask {
+            Ask::Info => {
+                let Some(info) = Info::decode(payload) else { return false };
+                let (major, minor) = info.firmware;
+                self.identity = Identity {
+                    model: text(format_args!("YDLIDAR model {}", info.model)),
+                    firmware: text(format_args!("{major}.{minor}")),
+                    hardware: text(format_args!("{}", info.hardware)),
+                    serial: ydlidar::serial(&info),
+                    ydlidar: Some(info.model),
+                    ..self.identity.clone()
+                };
+                (self.is_found, self.has_speed) = (true, info.model == ydlidar::Model::G4.number());
+            }
+            Ask::Health => {
+                let Some(health) = health(payload) else { return false };
+                self.identity.health = Some(health);
+            }
+            _ => {
+                let Ok(speed) = <[u8; 4]>::try_from(payload) else { return false };
+                self.identity.rate_hz = Some(f64::from(u32::from_le_bytes(speed)) / 100.0);
             }
         }
         true
@@ -240,6 +274,17 @@ fn works(state: &[u8]) -> bool {
     let is_code = |word: &&[u8]| word.len() == 3 && word.iter().all(u8::is_ascii_digit);
     let code = state.split(|byte| *byte == b' ').find(is_code);
     state.starts_with(b"Sensor works well") || code.is_some_and(|code| code[0] == b'0')
+}
+
+/// Health of an RPLIDAR or YDLIDAR.
+fn health(payload: &[u8]) -> Option<Health> {
+    let [status, low, high] = *payload else { return None };
+    let code = u16::from_le_bytes([low, high]).into();
+    Some(match status {
+        0 => Health::Good,
+        1 => Health::Warning { code },
+        _ => Health::Error { code },
+    })
 }
 
 fn identified(info: &Info, before: &Identity) -> Identity {

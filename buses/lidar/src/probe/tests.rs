@@ -2,16 +2,19 @@
 
 use super::{BYTES_MAX, Identity, Kind, LIMIT, Probe, farewell};
 use crate::emulated::{Device, Faults};
+use crate::engine::{Lidar, Protocol};
 use crate::event::Health;
 use crate::rplidar::{Config, Model, Rplidar};
 use crate::sick::{Dialect, Family};
-use crate::{hokuyo, ld, rplidar, sick};
+use crate::ydlidar::Ydlidar;
+use crate::{hokuyo, ld, rplidar, sick, ydlidar};
 use base::{Duration, Instant};
 use std::boxed::Box;
 use std::string::String;
 use std::vec::Vec;
 
-const KINDS: [Kind; 5] = [Kind::Ld, Kind::Rplidar, Kind::Cola(Dialect::Text), Kind::Cola(Dialect::Binary), Kind::Scip];
+const KINDS: [Kind; 6] =
+    [Kind::Ld, Kind::Rplidar, Kind::Cola(Dialect::Text), Kind::Cola(Dialect::Binary), Kind::Scip, Kind::Ydlidar];
 
 /// Moves the bytes until the probe has ended; its requests, and the time that it took.
 fn run(probe: &mut Probe, device: &mut dyn Device, now: &mut Instant) -> (Vec<Vec<u8>>, Duration) {
@@ -51,6 +54,9 @@ fn devices() -> Vec<(Kind, Box<dyn Device>)> {
     }
     for model in Model::ALL {
         devices.push((Kind::Rplidar, Box::new(rplidar::emulated::Device::new(model))));
+    }
+    for model in ydlidar::Model::ALL {
+        devices.push((Kind::Ydlidar, Box::new(ydlidar::emulated::Device::new(model))));
     }
     for family in Family::ALL {
         for dialect in [Dialect::Text, Dialect::Binary] {
@@ -93,6 +99,15 @@ fn devices_say_model_firmware_serial_number_and_health() {
     assert_eq!((found.rplidar, found.health, found.rate_hz), (Some(Model::A2), Some(Health::Good), None));
     let found = identity(Kind::Rplidar, &mut rplidar::emulated::Device::new(Model::S2)).unwrap();
     assert_eq!((found.rplidar, found.rate_hz), (Some(Model::S2), Some(10.0)));
+
+    for (model, number, rate_hz) in [(ydlidar::Model::X4, 6, None), (ydlidar::Model::G4, 5, Some(10.0))] {
+        let found = identity(Kind::Ydlidar, &mut ydlidar::emulated::Device::new(model)).unwrap();
+        assert_eq!(
+            [&found.model, &found.firmware, &found.hardware, &found.serial].map(|text| words(text)),
+            [&*std::format!("YDLIDAR model {number}"), "1.10", "1", "2020062200002209"]
+        );
+        assert_eq!((found.ydlidar, found.health, found.rate_hz), (Some(number), Some(Health::Good), rate_hz));
+    }
 
     for (dialect, contamination) in [(Dialect::Text, Some(0)), (Dialect::Binary, Some(0))] {
         let mut device = sick::emulated::Device::new(Family::Tim5xx, dialect);
@@ -153,6 +168,9 @@ fn errors_are_said_with_their_codes() {
     let mut a1 = rplidar::emulated::Device::new(Model::A1);
     *a1.faults() = error;
     assert_eq!(identity(Kind::Rplidar, &mut a1).unwrap().health, Some(Health::Error { code: 0x8002 }));
+    let mut g4 = ydlidar::emulated::Device::new(ydlidar::Model::G4);
+    *g4.faults() = error;
+    assert_eq!(identity(Kind::Ydlidar, &mut g4).unwrap().health, Some(Health::Error { code: 2 }));
     let mut lms = sick::emulated::Device::new(Family::Lms1xx, Dialect::Binary);
     *lms.faults() = Faults { dirty: true, ..Faults::default() };
     let found = identity(Kind::Cola(Dialect::Binary), &mut lms).unwrap();
@@ -169,12 +187,15 @@ fn errors_are_said_with_their_codes() {
 #[test]
 fn nothing_is_asked_that_changes_a_device() {
     use rplidar::wire::request::{GET_HEALTH, GET_INFO, GET_LIDAR_CONF};
+    use ydlidar::wire::command::GET_SPEED;
     for (kind, mut device) in devices() {
         let (mut probe, mut now) = (Probe::new(kind), Instant::from_millis(1000));
         for request in run(&mut probe, &mut *device, &mut now).0 {
             let reads = match kind {
                 Kind::Ld => false,
                 Kind::Rplidar => [GET_INFO, GET_HEALTH, GET_LIDAR_CONF].contains(&request[1]),
+                Kind::Ydlidar => [GET_SPEED, ydlidar::wire::command::GET_INFO, ydlidar::wire::command::GET_HEALTH]
+                    .contains(&request[1]),
                 Kind::Cola(_) => request.windows(4).any(|part| part == b"sRN "),
                 Kind::Scip => [&b"VV\n"[..], b"PP\n", b"II\n"].contains(&&request[..]),
             };
@@ -183,23 +204,45 @@ fn nothing_is_asked_that_changes_a_device() {
     }
 }
 
+/// Two seconds in which an engine starts the device.
+fn start<P: Protocol>(mut engine: Lidar<P>, device: &mut dyn Device, now: &mut Instant) {
+    for _ in 0..2000 {
+        *now += Duration::from_millis(1);
+        device.handle_timeout(*now);
+        let mut bytes = [0; 4096];
+        let count = device.poll_tx(*now, &mut bytes);
+        engine.handle_rx(*now, &bytes[..count]);
+        engine.handle_timeout(*now);
+        while let Some(request) = engine.poll_tx() {
+            device.handle_rx(*now, &request);
+        }
+        while engine.poll_event().is_some() {}
+    }
+}
+
+#[test]
+fn a_ydlidar_that_scans_is_stopped_and_answers() {
+    for model in ydlidar::Model::ALL {
+        let (mut device, mut now) = (ydlidar::emulated::Device::new(model), Instant::from_millis(1000));
+        start(Ydlidar::new(ydlidar::Config::new(model)), &mut device, &mut now);
+        assert!(device.scans(), "{model}");
+        let mut probe = Probe::new(Kind::Ydlidar);
+        run(&mut probe, &mut device, &mut now);
+        assert_eq!(probe.identity().and_then(|found| found.ydlidar), Some(model.number()));
+        assert!(!device.scans(), "{model}");
+        start(Ydlidar::new(ydlidar::Config::new(model)), &mut device, &mut now);
+        for command in farewell(Kind::Ydlidar, None) {
+            device.handle_rx(now, &command);
+        }
+        assert!(!device.scans(), "{model}");
+    }
+}
+
 #[test]
 fn an_rplidar_that_scans_is_stopped_and_answers() {
     for model in Model::ALL {
-        let mut device = rplidar::emulated::Device::new(model);
-        let (mut engine, mut now) = (Rplidar::new(Config::new(model)), Instant::from_millis(1000));
-        for _ in 0..2000 {
-            now += Duration::from_millis(1);
-            device.handle_timeout(now);
-            let mut bytes = [0; 4096];
-            let count = device.poll_tx(now, &mut bytes);
-            engine.handle_rx(now, &bytes[..count]);
-            engine.handle_timeout(now);
-            while let Some(request) = engine.poll_tx() {
-                device.handle_rx(now, &request);
-            }
-            while engine.poll_event().is_some() {}
-        }
+        let (mut device, mut now) = (rplidar::emulated::Device::new(model), Instant::from_millis(1000));
+        start(Rplidar::new(Config::new(model)), &mut device, &mut now);
         assert!(device.scans(), "{model}");
         let mut probe = Probe::new(Kind::Rplidar);
         run(&mut probe, &mut device, &mut now);

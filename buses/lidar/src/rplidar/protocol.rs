@@ -1,7 +1,8 @@
 //! The start-up of an RPLIDAR, and its data to sectors.
 
 use super::capsule::{self, Capsule};
-use super::wire::{DESCRIPTOR, Descriptor, Info, Node, SYNC, SYNC_2, answer, conf, encode, get_conf, request};
+use super::receiver::Receiver;
+use super::wire::{Descriptor, Info, Node, answer, conf, encode, get_conf, request};
 use super::{Config, Mode, Motor};
 use crate::builder::{Builder, Sample, Step};
 use crate::engine::{Optics, Progress, Protocol, Shared};
@@ -9,7 +10,6 @@ use crate::event::{Fault, Health, LostReason, text};
 use crate::scan::wrap;
 use base::{Duration, Instant};
 use core::f64::consts::TAU;
-use heapless::Vec;
 
 /// Time after a stop in which what was under way arrives.
 const STOPPING: Duration = Duration::from_millis(30);
@@ -19,8 +19,6 @@ const ANSWER_WITHIN: Duration = Duration::from_millis(120);
 const DATA_WITHIN: Duration = Duration::from_millis(1000);
 /// Attempts of a request.
 const TRIES: u8 = 3;
-/// Longest answer that is taken.
-const ANSWER_MAX: usize = 64;
 /// Speed of the motor, Hz: the widest range of the data sheets.
 const RATE_HZ: core::ops::RangeInclusive<f64> = 4.5..=16.0;
 /// A capsule or sample that is farther from the last than at this speed is not believed, Hz.
@@ -69,8 +67,7 @@ pub struct Requests {
     phase: Phase,
     /// A device that reported an error was reset.
     was_reset: bool,
-    rx: Vec<u8, ANSWER_MAX>,
-    descriptor: Option<Descriptor>,
+    receiver: Receiver,
     /// The device answers requests for its configuration.
     has_conf: bool,
     /// Time of a sample, s.
@@ -112,8 +109,7 @@ impl Requests {
             config,
             phase: Phase::Off,
             was_reset: false,
-            rx: Vec::new(),
-            descriptor: None,
+            receiver: Receiver::default(),
             has_conf: false,
             period_s: 0.0,
             capsule: Capsule::new(),
@@ -126,8 +122,7 @@ impl Requests {
     }
 
     fn ask(&mut self, now: Instant, ask: Ask, tries: u8, shared: &mut Shared) {
-        self.rx.clear();
-        self.descriptor = None;
+        self.receiver.clear();
         let request = match ask {
             Ask::Info => encode(request::GET_INFO, &[]),
             Ask::Health => encode(request::GET_HEALTH, &[]),
@@ -157,42 +152,8 @@ impl Requests {
         }
     }
 
-    /// Takes the bytes of an answer, which is complete when this returns it.
-    fn receive(&mut self, byte: u8, shared: &mut Shared) -> Option<Descriptor> {
-        // There is room: the buffer is emptied before it is full.
-        let _ = self.rx.push(byte);
-        let Some(descriptor) = self.descriptor else {
-            let is_begin = match self.rx[..] {
-                [first] => first == SYNC,
-                [_, second, ..] => second == SYNC_2,
-                [] => true,
-            };
-            if !is_begin {
-                let again = byte == SYNC;
-                self.rx.clear();
-                if again {
-                    let _ = self.rx.push(byte);
-                } else {
-                    shared.reject();
-                }
-                return None;
-            }
-            let bytes = <&[u8; DESCRIPTOR]>::try_from(&self.rx[..]).ok()?;
-            let descriptor = Descriptor::decode(bytes);
-            self.rx.clear();
-            let descriptor = descriptor.filter(|it| it.many || (it.len as usize) < ANSWER_MAX);
-            if descriptor.is_none() {
-                shared.reject();
-            }
-            self.descriptor = descriptor;
-            return descriptor.filter(|descriptor| descriptor.many);
-        };
-        (self.rx.len() >= descriptor.len as usize).then_some(descriptor)
-    }
-
     fn answered(&mut self, now: Instant, ask: Ask, descriptor: Descriptor, shared: &mut Shared) -> Progress {
-        self.descriptor = None;
-        let answer = core::mem::take(&mut self.rx);
+        let answer = self.receiver.take();
         let entry = |entry: u32| answer.strip_prefix(&entry.to_le_bytes());
         shared.accept();
         match (ask, descriptor.kind) {
@@ -462,9 +423,9 @@ impl Requests {
 
 impl Protocol for Requests {
     fn start(&mut self, now: Instant, shared: &mut Shared) {
-        self.rx.clear();
+        self.receiver.clear();
         self.capsule.clear();
-        (self.descriptor, self.last, self.in_step, self.skipped) = (None, None, false, 0);
+        (self.last, self.in_step, self.skipped) = (None, false, 0);
         self.node = NodeState::default();
         self.builder.reset();
         shared.send(&encode(request::STOP, &[]));
@@ -477,7 +438,7 @@ impl Protocol for Requests {
                 Phase::Off | Phase::Stopping { .. } => {}
                 Phase::Scanning { .. } => self.take_data(now, *byte, shared),
                 Phase::Asking { ask, .. } => {
-                    if let Some(descriptor) = self.receive(*byte, shared) {
+                    if let Some(descriptor) = self.receiver.receive(*byte, shared) {
                         let progress = self.answered(now, ask, descriptor, shared);
                         if progress != Progress::Pending {
                             return progress;

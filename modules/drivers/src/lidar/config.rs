@@ -5,6 +5,7 @@ use lidar::hokuyo::Hokuyo;
 use lidar::ld::{self, LdLidar, NoEcho};
 use lidar::rplidar::{self, Rplidar};
 use lidar::sick::{self, Dialect, Sick};
+use lidar::ydlidar::{self, Ydlidar};
 use lidar::{Counters, Event, FieldResult, Lidar, Protocol, Zone};
 use settings::{Choice, Corners, settings};
 use std::f64::consts::TAU;
@@ -17,6 +18,8 @@ pub enum Model {
     Ld(ld::Model),
     /// SLAMTEC.
     Rplidar(rplidar::Model),
+    /// YDLIDAR.
+    Ydlidar(ydlidar::Model),
     /// SICK.
     Sick(sick::Family),
     /// Hokuyo, by the begin of its model.
@@ -33,6 +36,8 @@ pub const MODELS: Choice<Model> = Choice(&[
     ("rplidar-a3", Model::Rplidar(rplidar::Model::A3)),
     ("rplidar-c1", Model::Rplidar(rplidar::Model::C1)),
     ("rplidar-s2", Model::Rplidar(rplidar::Model::S2)),
+    ("ydlidar-x4", Model::Ydlidar(ydlidar::Model::X4)),
+    ("ydlidar-g4", Model::Ydlidar(ydlidar::Model::G4)),
     ("sick-lms1xx", Model::Sick(sick::Family::Lms1xx)),
     ("sick-tim5xx", Model::Sick(sick::Family::Tim5xx)),
     ("sick-tim7xx", Model::Sick(sick::Family::Tim7xx)),
@@ -73,8 +78,8 @@ settings! {
         /// Distance up to which it surely measures the darkest surface around; where nothing was received it is free up
         /// to there. Absent: the longest range of the model.
         range_max_m as range_max: Option<f64> = optional, 0.1..=200.0;
-        /// LDROBOT, SLAMTEC, SICK: what a range of 0 means: `"unknown"`, or `"nothing"` was received, for a device and
-        /// a place where near and dark things were shown not to read 0.
+        /// LDROBOT, SLAMTEC, YDLIDAR, SICK: what a range of 0 means: `"unknown"`, or `"nothing"` was received, for a
+        /// device and a place where near and dark things were shown not to read 0.
         no_echo: NoEcho = NoEcho::Unknown, NO_ECHO;
         /// SLAMTEC: what is asked for, single samples or capsules. Absent: `"express"` of an A1 and A2, `"ultra"` of an
         /// A3, `"dense"` of a C1 and S2.
@@ -162,7 +167,7 @@ impl Model {
     #[must_use]
     pub fn view_rad(self) -> f64 {
         match self {
-            Self::Ld(_) | Self::Rplidar(_) => TAU,
+            Self::Ld(_) | Self::Rplidar(_) | Self::Ydlidar(_) => TAU,
             Self::Hokuyo("URG-04LX") => TAU * 240.0 / 360.0,
             Self::Sick(_) | Self::Hokuyo(_) => TAU * 270.0 / 360.0,
         }
@@ -193,6 +198,7 @@ impl Model {
         match self {
             Self::Ld(_) => 230_400,
             Self::Rplidar(model) => model.baud(),
+            Self::Ydlidar(model) => model.baud(),
             Self::Sick(_) | Self::Hokuyo(_) => 115_200,
         }
     }
@@ -253,6 +259,7 @@ pub(super) fn engine(device: &Device) -> Box<dyn Engine> {
             let usual = rplidar::Config::new(model);
             Box::new(Rplidar::new(rplidar::Config { mode: mode.unwrap_or(usual.mode), no_echo, ..usual }))
         }
+        Model::Ydlidar(model) => Box::new(Ydlidar::new(ydlidar::Config { model, no_echo })),
         Model::Sick(family) => {
             let StopKeys { stop_fields, stop_outputs, .. } = &device.stop;
             let (fields, outputs) = (!stop_fields.is_empty(), !stop_outputs.is_empty());

@@ -4,7 +4,7 @@ use super::*;
 use lidar::emulated::Device as Emulated;
 use lidar::ld::NoEcho;
 use lidar::sick::{Dialect, Family};
-use lidar::{hokuyo, ld, rplidar, sick};
+use lidar::{hokuyo, ld, rplidar, sick, ydlidar};
 use messages::Message;
 use messages::lowlevel::EventStop;
 use module::bench::Bench;
@@ -36,6 +36,10 @@ fn devices() -> Vec<(Device, Box<dyn Emulated>)> {
         (
             device("rplidar", Model::Rplidar(rplidar::Model::C1)),
             Box::new(rplidar::emulated::Device::new(rplidar::Model::C1)),
+        ),
+        (
+            device("ydlidar", Model::Ydlidar(ydlidar::Model::G4)),
+            Box::new(ydlidar::emulated::Device::new(ydlidar::Model::G4)),
         ),
         (
             tcp(device("sick", Model::Sick(Family::Tim5xx))),
