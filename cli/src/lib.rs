@@ -364,6 +364,14 @@ impl Common {
         }
     }
 
+    /// The robot that runs in the run folder of this command, with its own arguments; also one whose configuration is not
+    /// that of this command.
+    fn running(&self) -> Option<RobotLocation> {
+        let ours = std::fs::canonicalize(self.run_dir()).ok()?;
+        let is_ours = |place: &RobotLocation| std::fs::canonicalize(&place.run_dir).is_ok_and(|theirs| theirs == ours);
+        holder::modules().map(|running| running.place).find(is_ours)
+    }
+
     /// End of a sentence about a failure, if a simulated robot runs, but none in the run folder of this command, which
     /// is the usual one or holds nothing.
     fn elsewhere(&self) -> Option<String> {
