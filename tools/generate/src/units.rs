@@ -87,7 +87,8 @@ mod tests {
         let schema = Schema::new(LCM_FILES).unwrap();
         let members = schema.definitions().iter().flat_map(Definition::members);
         let said = members.map(|member| member.doc.join(" ")).filter(|said| unit(said) == "µs");
-        let instants = said.inspect(|said| assert!(said.contains("icroseconds since the UNIX epoch"), "{said}")).count();
+        let instants =
+            said.inspect(|said| assert!(said.contains("icroseconds since the UNIX epoch"), "{said}")).count();
         assert!(instants > 60, "{instants}");
     }
 }
