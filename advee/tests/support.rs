@@ -528,6 +528,13 @@ pub fn advee(url: &str, run_dir: &Path) -> Command {
     command
 }
 
+/// Starts a command of `advee` that has neither a bus nor a run folder, without waiting for it.
+pub fn offline(args: &[&str]) -> Child {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_advee"));
+    command.current_dir(workspace()).args(args).stdin(Stdio::null()).stdout(Stdio::null());
+    command.spawn().expect("the executable is built")
+}
+
 pub fn listen(url: &str) -> Lcm {
     let (url, _) = lcm::Url::parse(url).expect("a good url");
     let mut bus = Lcm::new(&url).expect("the bus opens");

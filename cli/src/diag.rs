@@ -17,7 +17,7 @@ mod sdo;
 mod tests;
 
 use super::bus::{interrupt, wait};
-use super::{Common, Failed, Outcome, holder, print, seconds};
+use super::{Common, Failed, Outcome, print, seconds};
 use app::{App, Setup, Tab};
 use base::{Duration, Instant};
 use clap::ArgGroup;
@@ -40,7 +40,6 @@ use robot::preflight;
 use robot::topology;
 use runs::Runs;
 use serde_json::Value;
-use std::fs;
 use std::io::{self, IsTerminal};
 use std::os::fd::AsFd;
 use std::process::ExitCode;
@@ -134,10 +133,7 @@ pub fn diag(common: &Common, command: &Diag) -> Outcome {
 /// The running robot with its arguments, else the configured one. A robot elsewhere has no configuration here, and is
 /// shown without it.
 pub fn configuration(common: &Common) -> Result<(RobotLocation, Configuration), Failed> {
-    let ours = fs::canonicalize(common.run_dir()).ok();
-    let is_here = |place: &RobotLocation| ours.is_some() && fs::canonicalize(&place.run_dir).ok() == ours;
-    let running = holder::modules().map(|running| running.place).find(is_here);
-    if let Some(place) = running
+    if let Some(place) = common.running()
         && let Ok(config) = Configuration::load(&place.config, place.sim, &place.sets)
     {
         return Ok((place, config));

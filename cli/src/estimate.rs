@@ -35,7 +35,7 @@ pub struct Estimate {
     #[arg(long, value_name = "X,Y,THETA", value_parser = super::pose::pose)]
     start: Option<[f64; 3]>,
     /// True if rates hold up to their row's time or from it on; without it, what the bearings fit better
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, conflicts_with = "run")]
     hold: Option<Hold>,
     /// Place of the beacon scanner: ahead of the rear axle and left of the middle, m; without it, what the bearings say
     #[arg(long, value_name = "X,Y", value_parser = place, conflicts_with = "run")]
@@ -46,6 +46,13 @@ pub struct Estimate {
     /// A summary as JSON
     #[arg(long)]
     json: bool,
+}
+
+impl Estimate {
+    /// True if it is of recorded data in files, not of a recorded run.
+    pub fn is_of_files(&self) -> bool {
+        self.run.is_none()
+    }
 }
 
 /// Interval of validity of an odometry row's rates.

@@ -95,6 +95,11 @@ pub fn default_value(fault: &str, timestamp: i64) -> f64 {
 
 /// What can be broken in the simulated robot that runs here, and true; or else in the configured one, and false.
 fn offered(common: &Common) -> Result<(Offered, bool), Failed> {
+    if let Some(place) = common.running().filter(|place| place.sim)
+        && let Ok(faults) = preflight::faults(&place)
+    {
+        return Ok((faults, true));
+    }
     let place = common.robot().map(|(place, _)| place).ok().filter(|place| place.sim);
     let is_here = place.is_some();
     Ok((preflight::faults(&place.unwrap_or_else(|| common.place(true)))?, is_here))

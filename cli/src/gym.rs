@@ -4,7 +4,6 @@ mod episode;
 mod protocol;
 mod seen;
 
-use super::soak::refuse_idle;
 use super::{Common, Failed, Outcome};
 use episode::{Episode, Rig};
 use protocol::{Answer, LINE_MAX, Line, Request};
@@ -36,7 +35,6 @@ The keys are in docs/other-planners.md."#;
 /// # Errors
 /// The configuration is refused, or the input cannot be read.
 pub fn gym(common: &Common, command: &Gym) -> Outcome {
-    refuse_idle(common, "a gym")?;
     // Names the keys with old names, once.
     common.load(true)?;
     let place = RobotLocation { world: command.world.clone(), ..common.place(true) };

@@ -204,7 +204,40 @@ commands! {
     }
 }
 
+/// Exit code of a command line that is refused.
+const USAGE: u8 = 2;
+
 impl Command {
+    /// Options of all commands that have no effect on this one, and why.
+    fn idle(&self) -> (&'static [&'static str], &'static str) {
+        const RUNNING: &[&str] = &["--lcm-url", "--run-dir"];
+        const BUT_SETS: &[&str] = &["--lcm-url", "--run-dir", "--config"];
+        match self {
+            Self::Soak(_) => (RUNNING, "a soak has neither a bus nor a run folder"),
+            Self::Gym(_) => (RUNNING, "a gym has neither a bus nor a run folder"),
+            Self::Plan(_) | Self::World(_) => (RUNNING, "it asks no running robot"),
+            Self::Estimate(estimate) if estimate.is_of_files() => (RUNNING, "it asks no running robot"),
+            Self::Estimate(_) | Self::Replay(_) => (BUT_SETS, "the run has its own configuration"),
+            Self::Plot(_) => (&["--lcm-url", "--run-dir", "--config", "--set"], "the run has its own configuration"),
+            _ => (&[], ""),
+        }
+    }
+
+    /// Refuses options of all commands that have no effect on this one.
+    fn refuse_idle(&self, common: &Common) -> Result<(), Failed> {
+        let (idle, why) = self.idle();
+        let given = [
+            ("--config", common.config.is_some()),
+            ("--lcm-url", common.lcm_url.is_some()),
+            ("--run-dir", common.run_dir.is_some()),
+            ("--set", !common.sets.is_empty()),
+        ];
+        match given.iter().find(|(option, given)| *given && idle.contains(option)) {
+            Some((option, _)) => Err(Failed { code: USAGE, why: format!("{option} has no effect: {why}") }),
+            None => Ok(()),
+        }
+    }
+
     /// True for tools that reach lines and servers of a simulated robot through its run folder.
     fn is_of_a_run_folder(&self) -> bool {
         matches!(self, Self::Can(_) | Self::Rs485(_) | Self::I2c(_) | Self::Lidar(_) | Self::Web(_))
@@ -229,9 +262,13 @@ pub fn main() -> ExitCode {
         }
         Err(error) => {
             complain(&one_line(&error.to_string()));
-            return ExitCode::from(2);
+            return ExitCode::from(USAGE);
         }
     };
+    if let Err(Failed { code, why }) = command.refuse_idle(&common) {
+        complain(&why);
+        return ExitCode::from(code);
+    }
     for warning in lcm_warnings(&common.lcm_url()) {
         complain(&warning);
     }
@@ -325,6 +362,14 @@ impl Common {
             sim,
             world: None,
         }
+    }
+
+    /// The robot that runs in the run folder of this command, with its own arguments; also one whose configuration is not
+    /// that of this command.
+    fn running(&self) -> Option<RobotLocation> {
+        let ours = std::fs::canonicalize(self.run_dir()).ok()?;
+        let is_ours = |place: &RobotLocation| std::fs::canonicalize(&place.run_dir).is_ok_and(|theirs| theirs == ours);
+        holder::modules().map(|running| running.place).find(is_ours)
     }
 
     /// End of a sentence about a failure, if a simulated robot runs, but none in the run folder of this command, which

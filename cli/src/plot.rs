@@ -2,6 +2,7 @@
 
 mod inputs;
 
+use super::progress::Progress;
 use super::{Outcome, print};
 use ::plot::Picture;
 use host::runs;
@@ -28,14 +29,17 @@ pub struct Plot {
 pub fn plot(command: &Plot) -> Outcome {
     let part = Part { from: command.from, to: command.to };
     let files = runs::log_files(&command.run);
+    let mut progress = Progress::new("reading");
+    let mut told = |share: f64| progress.show(share, |took| format!("{:.0} s", took.as_secs_f64()));
     let picture = match files.is_empty() {
-        true => inputs::read(&command.run, part)?,
+        true => inputs::read(&command.run, part, &mut told)?,
         // What recorded inputs of the same run know of the world, its log need not.
         false => {
             let known = command.run.is_dir().then(|| inputs::header(&command.run)).flatten();
-            robot::picture::read(&command.run, &files, part, known, robot::recording::described)?
+            robot::picture::read(&command.run, &files, part, known, robot::recording::described, &mut told)?
         }
     };
+    progress.clear();
     if picture.is_empty() {
         return Err(format!("{}: nothing was said of a robot in that time", command.run.display()).into());
     }

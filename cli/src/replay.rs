@@ -1,5 +1,6 @@
 //! `advee replay RUN`: makes each module of a run again, tells it what it was told, and compares what it answers.
 
+use super::progress::Progress;
 use super::{Common, Failed, Outcome, print};
 use base::{Epoch, Instant, can, store};
 use host::clock;
@@ -54,9 +55,13 @@ enum Verdict {
 
 pub fn replay(common: &Common, command: &Replay) -> Outcome {
     let files = files(&command.run, command.module.as_deref())?;
-    let mut all = Vec::new();
+    let len = |path: &PathBuf| fs::metadata(path).map_or(0, |data| data.len());
+    let whole = files.iter().map(len).sum();
+    let (mut all, mut before, mut progress) = (Vec::new(), 0, Progress::new("replaying"));
     for file in &files {
-        let played = play(file, &common.sets)?;
+        let played = play(file, &common.sets, &mut |place| progress.tell(before + place, whole))?;
+        before += len(file);
+        progress.clear();
         match command.json {
             true => print(as_json(&played))?,
             false => as_text(&played).iter().try_for_each(print)?,
@@ -99,7 +104,8 @@ fn of_module(path: &Path) -> &str {
     name.split('.').next().unwrap_or_default()
 }
 
-fn play(path: &Path, sets: &[String]) -> Result<Played, Failed> {
+/// Plays a file; `told` of its bytes so far.
+fn play(path: &Path, sets: &[String], told: &mut dyn FnMut(u64)) -> Result<Played, Failed> {
     let named = |error| format!("{}: {error}", path.display());
     if fs::metadata(path).map_err(named)?.len() > FILE_MAX {
         return Err(format!("{}: longer than {} GiB", path.display(), FILE_MAX >> 30).into());
@@ -120,7 +126,7 @@ fn play(path: &Path, sets: &[String]) -> Result<Played, Failed> {
         Ok(reader) => {
             played.other = Some(reader.header().program.clone()).filter(|other| *other != recording::program());
             match recording::rebuild(reader.header(), sets) {
-                Ok(shell) => follow(reader, Player::new(shell), &mut played).unwrap_or_else(Verdict::Refused),
+                Ok(shell) => follow(reader, Player::new(shell), &mut played, told).unwrap_or_else(Verdict::Refused),
                 Err(error) => Verdict::Unmade(error.to_string()),
             }
         }
@@ -131,11 +137,17 @@ fn play(path: &Path, sets: &[String]) -> Result<Played, Failed> {
 }
 
 /// Plays a file to its end, or to where that makes no sense any more.
-fn follow(mut reader: Reader<'_>, mut player: Player, played: &mut Played) -> Result<Verdict, Refusal> {
+fn follow(
+    mut reader: Reader<'_>,
+    mut player: Player,
+    played: &mut Played,
+    told: &mut dyn FnMut(u64),
+) -> Result<Verdict, Refusal> {
     let mut verdict = Verdict::Same(End::Open);
     while let Some(item) = reader.read()? {
         match item {
             Item::Record(record) => {
+                told(record.place as u64);
                 if played.calls == 0 {
                     (played.span.0, played.epoch) = (record.at, record.epoch);
                 }

@@ -92,8 +92,7 @@ const GARBLED: &str = "garbled";
 
 /// Fewer faults are sought with at most so many runs.
 const TRIES: u32 = 200;
-/// Exit code of a command line that is refused, and that of a signal without its number.
-const USAGE: u8 = 2;
+/// Exit code of a signal without its number.
 const SIGNALLED: u8 = 128;
 
 /// Runs the command.
@@ -101,7 +100,6 @@ const SIGNALLED: u8 = 128;
 /// # Errors
 /// A file is refused, or the robot cannot be made.
 pub fn soak(common: &Common, command: &Soak) -> Outcome {
-    refuse_idle(common, "a soak")?;
     let robot = Robot::load(common, command)?;
     if !robot.without.is_empty() {
         let names: Vec<&str> = robot.without.iter().map(String::as_str).collect();
@@ -137,19 +135,6 @@ pub fn soak(common: &Common, command: &Soak) -> Outcome {
             Err(Failed { code: SIGNALLED + signal, why })
         }
         _ => Ok(ExitCode::from(u8::from(!report.violations.is_empty()))),
-    }
-}
-
-/// Options of all commands that one in virtual time does not have: it has no bus and no run folder. `what` names it in
-/// the refusal: `a soak`.
-pub(crate) fn refuse_idle(common: &Common, what: &str) -> Result<(), Failed> {
-    let given = [("--lcm-url", common.lcm_url.is_some()), ("--run-dir", common.run_dir.is_some())];
-    match given.iter().find(|(_, given)| *given) {
-        Some((option, _)) => {
-            let why = format!("{option} has no effect: {what} has neither a bus nor a run folder");
-            Err(Failed { code: USAGE, why })
-        }
-        None => Ok(()),
     }
 }
 
@@ -691,14 +676,43 @@ mod tests {
             assert!(parse(line).is_err(), "{line}");
         }
         assert!(parse("advee soak --episode 1 --trace 1,2.5").is_ok());
-        let common = |run_dir: Option<&str>, lcm_url: Option<&str>| Common {
-            config: None,
-            lcm_url: lcm_url.map(Into::into),
-            run_dir: run_dir.map(Into::into),
-            sets: Vec::new(),
+    }
+
+    #[test]
+    fn options_of_all_commands_without_effect_are_refused() {
+        use clap::FromArgMatches as _;
+        let refused = |line: &str| {
+            let matches = crate::command().try_get_matches_from(line.split(' ')).expect(line);
+            let crate::Cli { common, command } = crate::Cli::from_arg_matches(&matches).expect(line);
+            command.refuse_idle(&common).map_err(|Failed { code, why }| (code, why)).err()
         };
-        assert!(refuse_idle(&common(None, None), "a soak").is_ok());
-        assert_eq!(refuse_idle(&common(Some("/r"), None), "a soak").unwrap_err().code, USAGE);
-        assert!(refuse_idle(&common(None, Some("memq://")), "a soak").unwrap_err().why.starts_with("--lcm-url"));
+        let csv = "advee estimate --odometry o --bearings b --beacons s";
+        for (line, option) in [
+            ("advee soak".to_string(), "--run-dir"),
+            ("advee soak".into(), "--lcm-url"),
+            ("advee gym".into(), "--run-dir"),
+            ("advee gym".into(), "--lcm-url"),
+            ("advee plan --world hall --start 1,2,0 --goal 3,4".into(), "--lcm-url"),
+            ("advee plan --world hall --start 1,2,0 --goal 3,4".into(), "--run-dir"),
+            ("advee world map --out m.yaml".into(), "--lcm-url"),
+            (csv.into(), "--lcm-url"),
+            (csv.into(), "--run-dir"),
+            ("advee estimate log/run".into(), "--config"),
+            ("advee replay log/run".into(), "--run-dir"),
+            ("advee plot log/run".into(), "--set"),
+        ] {
+            assert_eq!(refused(&line), None, "{line}");
+            let (code, why) = refused(&format!("{line} {option} a=b")).expect(&line);
+            assert!(code == 2 && why.starts_with(&format!("{option} has no effect: ")), "{line}: {why}");
+        }
+        for line in [
+            format!("{csv} --config conf/advee --set a=b"),
+            "advee replay log/run --set a=b".into(),
+            "advee plan --world hall --start 1,2,0 --goal 3,4 --config conf/advee --set a=b".into(),
+            "advee state --lcm-url memq:// --run-dir run".into(),
+        ] {
+            assert_eq!(refused(&line), None, "{line}");
+        }
+        assert!(crate::command().try_get_matches_from("advee estimate log/run --hold after".split(' ')).is_err());
     }
 }

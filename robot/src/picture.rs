@@ -43,7 +43,7 @@ pub type Describe = fn(&Header) -> Result<(Robot, World), ConfigError>;
 /// # Errors
 /// One line: the reason why there is no picture.
 pub fn png(run: &Path, describe: Describe) -> Result<Vec<u8>, String> {
-    let picture = read(run, &runs::log_files(run), Part::WHOLE, None, describe)?;
+    let picture = read(run, &runs::log_files(run), Part::WHOLE, None, describe, &mut |_| {})?;
     match picture.is_empty() {
         true => Err("the run has no message of a robot".into()),
         false => picture.png(),
@@ -77,8 +77,8 @@ pub fn open(run: &Path, header: &Header, describe: Describe) -> Result<(Picture,
     Ok((Picture::new(world, Some(robot.footprint())), title))
 }
 
-/// Picture of a part of a run; `known`: configuration that the log need not have. Damaged places are left out, and the
-/// picture says so.
+/// Picture of a part of a run; `known`: configuration that the log need not have; `told` of the share that is read.
+/// Damaged places are left out, and the picture says so.
 ///
 /// # Errors
 /// One line: the log has no message.
@@ -88,6 +88,7 @@ pub fn read(
     part: Part,
     known: Option<Header>,
     describe: Describe,
+    told: &mut dyn FnMut(f64),
 ) -> Result<Picture, String> {
     let mut remarks = Vec::new();
     let mut opened = Vec::new();
@@ -110,6 +111,9 @@ pub fn read(
     let wants = |channel: &logger::read::Channel, _: Option<&logger::read::Schema>| {
         channel.encoding == "lcm" && Channel::from_name(&channel.topic).is_some()
     };
+    let spans = || opened.iter().filter_map(|(_, index)| index.span());
+    let begin_ns = spans().map(|span| span.0).min().unwrap_or_default();
+    let whole_ns = spans().map(|span| span.1).max().unwrap_or_default().saturating_sub(begin_ns).max(1);
     let mut messages = Messages::new(opened, &Filter { from: 0, to: u64::MAX, wants: &wants });
     let (mut clock, mut foreign) = (Clock::default(), 0);
     loop {
@@ -121,6 +125,7 @@ pub fn read(
                 break;
             }
         };
+        told(entry.message.log_time.saturating_sub(begin_ns) as f64 / whole_ns as f64);
         let at_us = clock.at(i64::try_from(entry.message.log_time / 1000).unwrap_or(i64::MAX));
         let begin_us = clock.first.unwrap_or(at_us);
         let channel = Channel::from_name(&entry.channel.topic).filter(|_| part.has(begin_us, at_us));
@@ -212,7 +217,8 @@ mod tests {
         }
 
         fn svg(&self) -> Result<String, String> {
-            read(&self.0, &runs::log_files(&self.0), Part::WHOLE, None, described).map(|picture| picture.svg())
+            read(&self.0, &runs::log_files(&self.0), Part::WHOLE, None, described, &mut |_| {})
+                .map(|picture| picture.svg())
         }
     }
 
@@ -271,7 +277,10 @@ mod tests {
         }
         let world = svg.split("<g class=\"world\">").nth(1).unwrap().split("</g>").next().unwrap();
         assert_eq!((world.matches("<polyline").count(), world.matches("<circle").count()), (13, 6));
-        let part = read(&run.0, &runs::log_files(&run.0), Part { from: 5.0, to: 7.0 }, None, described).unwrap();
+        let (files, mut shares) = (runs::log_files(&run.0), Vec::new());
+        let mut told = |share| shares.push(share);
+        let part = read(&run.0, &files, Part { from: 5.0, to: 7.0 }, None, described, &mut told).unwrap();
+        assert!(shares.is_sorted() && shares.last().is_some_and(|last| *last > 0.9 && *last <= 1.0), "{shares:?}");
         assert!(part.svg().contains("·  2.0 s  ·  1.0 m"));
     }
 

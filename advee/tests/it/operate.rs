@@ -60,6 +60,13 @@ fn a_fault_is_listed_refused_injected_followed_and_ended_from_the_shell() {
     assert!(why.contains("there is no target fan2; there are robot, gamepad, "), "{why}");
     let why = refused(&robot, &["fault", "fan1", "melt"]);
     assert!(why.contains("fan1 has no fault melt; it has "), "{why}");
+    // From anywhere: the robot that runs in the folder is known with its own configuration.
+    let elsewhere = |arguments: &[&str]| {
+        let output = advee(&robot.url, &robot.run_dir).current_dir("/").args(arguments).output().unwrap();
+        said(&output) + &String::from_utf8_lossy(&output.stderr)
+    };
+    assert_eq!(elsewhere(&["fault"]), list);
+    assert!(elsewhere(&["fault", "fan2", "stall"]).contains("there is no target fan2; there are robot, gamepad, "));
     // What is refused here is not sent, and so is no report of the simulator.
     let errors = good(&robot, &["errors", "simulator"]);
     assert_eq!(errors, "no fault is active\n");

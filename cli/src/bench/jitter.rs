@@ -2,6 +2,7 @@
 
 use super::metronome::{self, Plan};
 use super::{beats, bus};
+use crate::progress::Beside;
 use crate::{Common, Failed, Outcome, seconds};
 use base::Duration;
 use host::ports::settings::CanInterface;
@@ -50,6 +51,7 @@ fn identifier(text: &str) -> Result<u16, String> {
 }
 
 pub fn jitter(common: &Common, command: &Jitter) -> Outcome {
+    let progress = Beside::new("measuring", command.time);
     let report = match &command.can {
         Some(interface) => bus::measure(common, interface, &command.id, command.time)?,
         None => {
@@ -64,6 +66,7 @@ pub fn jitter(common: &Common, command: &Jitter) -> Outcome {
             }
         }
     };
+    drop(progress);
     report.print(command.json, command.histogram)?;
     Ok(ExitCode::SUCCESS)
 }

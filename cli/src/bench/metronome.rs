@@ -33,7 +33,7 @@ pub struct Measured {
     pub late: Histogram,
     /// Number of instants that passed before their turn.
     pub missed: u64,
-    /// Page faults of the process between the first moment and the last.
+    /// Page faults of its thread between the first moment and the last.
     pub faults: u64,
 }
 
@@ -106,7 +106,7 @@ impl Module for Metronome {
 }
 
 fn page_faults() -> u64 {
-    getrusage(UsageWho::RUSAGE_SELF).map_or(0, |usage| (usage.minor_page_faults() + usage.major_page_faults()) as u64)
+    getrusage(UsageWho::RUSAGE_THREAD).map_or(0, |usage| (usage.minor_page_faults() + usage.major_page_faults()) as u64)
 }
 
 /// Bus of the measurement: within this process, since a module on the robot's bus would be one of the robot's.

@@ -2,6 +2,7 @@
 
 use super::jitter::interface;
 use crate::can::{Heard, Link, Target};
+use crate::progress::Progress;
 use crate::{Common, Failed, Outcome, print};
 use base::can::{Frame, Id};
 use base::{Duration, Instant};
@@ -108,8 +109,13 @@ impl End {
     }
 }
 
-/// Sends this number of frames from each end at once, and receives them; `None` when interrupted.
-fn measure(ends: &mut [End; 2], frames: [u32; 2], name: String) -> Result<Option<Way>, Failed> {
+/// Sends this number of frames from each end at once, and receives them, and shows it; `None` when interrupted.
+fn measure(
+    ends: &mut [End; 2],
+    frames: [u32; 2],
+    name: String,
+    progress: &mut Progress,
+) -> Result<Option<Way>, Failed> {
     let (start, all) = (clock::now(), frames[0].saturating_add(frames[1]));
     let mut last = start;
     ends.iter_mut().zip(frames).for_each(|(end, frames)| end.begin(frames));
@@ -122,6 +128,9 @@ fn measure(ends: &mut [End; 2], frames: [u32; 2], name: String) -> Result<Option
             }
         }
         let heard = ends[0].heard.saturating_add(ends[1].heard);
+        progress.show(f64::from(heard) / f64::from(all), |took| {
+            format!("{name}, {:.0} frames/s", f64::from(heard) / took.as_secs_f64())
+        });
         if heard >= all || now.since(last) > PATIENCE {
             let out_of_order = ends[0].out_of_order.saturating_add(ends[1].out_of_order);
             return Ok(Some(Way {
@@ -158,13 +167,15 @@ pub fn can(common: &Common, command: &Can) -> Outcome {
         ([0, frames], format!("{other} to {one}")),
         ([frames, frames], "both at once".into()),
     ];
-    let mut went = Vec::new();
+    let (mut went, mut progress) = (Vec::new(), Progress::new("measuring"));
     for (frames, name) in ways {
-        match measure(&mut ends, frames, name)? {
+        progress.restart();
+        match measure(&mut ends, frames, name, &mut progress)? {
             Some(way) => went.push(way),
             None => return Ok(ExitCode::FAILURE),
         }
     }
+    progress.clear();
     print(text(&went, command.json).trim_end())?;
     let good = went.iter().all(|way| way.lost == 0 && way.out_of_order == 0);
     Ok(if good { ExitCode::SUCCESS } else { ExitCode::FAILURE })

@@ -63,7 +63,8 @@ enum Way {
     Through(Box<Through>),
 }
 
-/// Progress of a transfer: bytes so far, and the total if known.
+/// Progress of a transfer: bytes so far, and the total if known. Through a module there are none: it tells that time
+/// passes.
 pub type Progress<'a> = &'a mut dyn FnMut(usize, Option<u32>);
 
 impl Access {
@@ -121,7 +122,7 @@ impl Access {
     pub fn next(&mut self, progress: Progress<'_>) -> Result<Option<Ended>, Failed> {
         match &mut self.way {
             Way::Direct(direct) => direct.next(progress),
-            Way::Through(through) => through.next(),
+            Way::Through(through) => through.next(progress),
         }
     }
 
@@ -231,6 +232,8 @@ fn follow(channel: &mut Channel, is_request: bool, data: &[u8], progress: Progre
 const MODULE_WITHIN: Duration = Duration::from_secs(5);
 /// A long transfer takes its time: so long for each of its bytes at 10 kbit/s.
 const FOR_EACH_BYTE: Duration = Duration::from_millis(4);
+/// How often is told that time passes.
+const TOLD: Duration = Duration::from_millis(100);
 /// The length of a read is unknown beforehand.
 const LONG: Duration = Duration::from_secs(120);
 
@@ -290,11 +293,13 @@ impl Through {
         })
     }
 
-    fn next(&mut self) -> Result<Option<Ended>, Failed> {
+    fn next(&mut self, progress: Progress<'_>) -> Result<Option<Ended>, Failed> {
         loop {
             let until = self.pending.iter().map(|pending| pending.until).min().unwrap_or(Instant::ZERO);
-            match self.tool.hear(until)? {
+            progress(0, None);
+            match self.tool.hear(until.min(clock::now() + TOLD))? {
                 Told::Interrupt => return Ok(None),
+                Told::Nothing if clock::now() < until => {}
                 Told::Nothing => {
                     let help = format!("(advee state {})", self.module);
                     return Err(format!("{} does not answer LL_CMD_SDO: is it running? {help}", self.module).into());

@@ -2,6 +2,7 @@
 
 use super::link::{Heard, Link};
 use super::target::{Target, Where};
+use crate::progress::Progress;
 use crate::{Common, Failed, Outcome, complain, print};
 use base::{Duration, Instant};
 use canopen::NmtState;
@@ -158,6 +159,8 @@ pub fn lss(common: &Common, command: &Lss) -> Outcome {
         sets: matches!(command, Lss::SetNodeId(_)),
         old: None,
         booted: Vec::new(),
+        progress: Progress::new("searching"),
+        scanned: 0.0,
     };
     let mut failed = None;
     for command in commands {
@@ -198,6 +201,9 @@ struct Dialogue {
     old: Option<Option<u8>>,
     /// Nodes that have booted since.
     booted: Vec<u8>,
+    progress: Progress,
+    /// How far the search was when it was last shown, 0 to 1.
+    scanned: f64,
 }
 
 impl Dialogue {
@@ -218,17 +224,23 @@ impl Dialogue {
             {
                 self.link.send(now, frame)?;
             }
+            self.show();
             while let Some(event) = self.master.poll_event() {
                 match event {
                     Event::Done(done) => {
+                        self.progress.clear();
                         if let Some((text, json)) = done_text(done) {
                             say(target, as_json, &text, json)?;
                         }
                         return Ok(Ok(()));
                     }
-                    Event::Failed(command, failure) => return Ok(Err(failure_text(command, failure))),
+                    Event::Failed(command, failure) => {
+                        self.progress.clear();
+                        return Ok(Err(failure_text(command, failure)));
+                    }
                     Event::Found(address) => {
                         self.found += 1;
+                        self.progress.clear();
                         say(target, as_json, &address.to_string(), address_json(address))?;
                     }
                     Event::Address(address) => say(target, as_json, &address.to_string(), address_json(address))?,
@@ -245,6 +257,17 @@ impl Dialogue {
                 return Err("interrupted; nodes may have been left in the configuration state".into());
             }
         }
+    }
+
+    /// Shows how far the search for the next node is.
+    fn show(&mut self) {
+        let Some(share) = self.master.scan_share() else { return };
+        if share < self.scanned {
+            self.progress.restart();
+        }
+        self.scanned = share;
+        let found = self.found;
+        self.progress.show(share, |_| format!("{found} found"));
     }
 
     fn receive(&mut self, now: Instant) -> Result<Option<base::can::Frame>, Failed> {

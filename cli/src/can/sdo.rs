@@ -5,6 +5,7 @@ use super::book::Book;
 use super::target::{Target, Where};
 use super::value;
 use crate::commands::commands;
+use crate::progress::Progress;
 use crate::{Common, Failed, Outcome, print};
 use base::Duration;
 use canopen::Abort;
@@ -12,7 +13,7 @@ use canopen::dictionary::DataType;
 use canopen::sdo::{Error, MAX_LEN};
 use serde_json::{Value, json};
 use std::fs;
-use std::io::{IsTerminal, Read, Write, stderr, stdin, stdout};
+use std::io::{Read, Write, stdin, stdout};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -185,9 +186,12 @@ impl<'a> Asked<'a> {
     fn run(&mut self, data: Option<Vec<u8>>, block: bool) -> Result<(Vec<u8>, Duration), Failed> {
         let writes = data.is_some();
         let job = Job { data, block, ..Job::read(self.node, self.object) };
-        let mut bar = Bar::new();
-        let ended = self.access.ask(job, &mut |len, size| bar.show(len, size));
-        bar.clear();
+        let mut progress = Progress::new(if writes { "writing" } else { "reading" });
+        let through = self.access.through().map(String::from);
+        let all = job.data.as_ref().and_then(|data| u32::try_from(data.len()).ok());
+        let ended =
+            self.access.ask(job, &mut |moved, size| show(&mut progress, moved, all.or(size), through.as_deref()));
+        progress.clear();
         let Ended { result, took, .. } = ended?;
         result.map(|data| (data, took)).map_err(|error| self.refused(error, writes, block))
     }
@@ -229,33 +233,14 @@ impl<'a> Asked<'a> {
     }
 }
 
-/// A line that shows how far it is, where someone looks on.
-struct Bar {
-    shows: bool,
-    /// Tenths of a percent, or kilobytes: what was shown last.
-    at: Option<usize>,
-}
-
-impl Bar {
-    fn new() -> Self {
-        Self { shows: stderr().is_terminal(), at: None }
-    }
-
-    fn show(&mut self, len: usize, size: Option<u32>) {
-        const WIDTH: usize = 32;
-        let all = size.filter(|size| *size > 0).map(|size| size as usize);
-        let at = all.map_or(len / 1000, |all| len.min(all) * 1000 / all);
-        if !self.shows || self.at.replace(at) == Some(at) {
-            return;
+/// Shows bytes moved of all, where that is known. Through a module nothing is known but that it takes its time.
+fn show(progress: &mut Progress, moved: usize, size: Option<u32>, through: Option<&str>) {
+    let rate = |took: Duration| format!("{:.1} kB/s", moved as f64 / took.as_secs_f64().max(1e-3) / 1e3);
+    match (size.filter(|size| *size > 0), through) {
+        (_, Some(module)) => progress.open(|_| format!("through {module}")),
+        (Some(all), None) => {
+            progress.show(moved as f64 / f64::from(all), |took| format!("{moved} of {all} bytes  {}", rate(took)));
         }
-        let bar = all.map(|_| format!("{:░<WIDTH$}  ", "█".repeat(at * WIDTH / 1000))).unwrap_or_default();
-        let of = all.map(|all| format!(" of {all}")).unwrap_or_default();
-        let _ = write!(stderr(), "\r{bar}{len}{of} bytes \x1b[K");
-    }
-
-    fn clear(&self) {
-        if self.at.is_some() {
-            let _ = write!(stderr(), "\r\x1b[K");
-        }
+        (None, None) => progress.open(|took| format!("{moved} bytes  {}", rate(took))),
     }
 }

@@ -150,8 +150,9 @@ fn draw_foot(frame: &mut Frame<'_>, app: &App, area: Rect, now: Instant) {
             let (model, at) = app.shown(now);
             let modules: Vec<String> = model.modules(at).into_iter().map(|row| row.module).collect();
             let choices = command::choices(line, &modules, &app.faults);
+            let room = usize::from(area.width).saturating_sub(line.chars().count() + 5);
             let usage = match command::usage(line) {
-                _ if !choices.is_empty() => format!("   {}", choices.join(" ")),
+                _ if !choices.is_empty() => format!("   {}", listed(&choices, room)),
                 Some((usage, what)) => format!("   {usage}: {what}"),
                 None => "   tab completes, up: earlier, esc: none".into(),
             };
@@ -172,6 +173,22 @@ fn draw_foot(frame: &mut Frame<'_>, app: &App, area: Rect, now: Instant) {
         },
     };
     frame.render_widget(Paragraph::new(text).style(Style::new().add_modifier(Modifier::REVERSED)), area);
+}
+
+/// As many whole words as there is room for; a `…` stands for the others.
+fn listed(words: &[&str], room: usize) -> String {
+    let mut text = String::new();
+    for (place, word) in words.iter().enumerate() {
+        let gap = if place == 0 { "" } else { " " };
+        let len = text.chars().count() + gap.len() + word.chars().count();
+        let sign = if place + 1 == words.len() { 0 } else { " …".chars().count() };
+        if len + sign > room {
+            return text + gap + "…";
+        }
+        text += gap;
+        text += word;
+    }
+    text
 }
 
 /// Keys while driving, and the remaining time of the last one.

@@ -430,6 +430,23 @@ fn the_status_stands_first_on_a_small_screen_and_rows_can_be_filtered() {
 }
 
 #[test]
+fn choices_that_have_no_room_are_told_to_be_there() {
+    let mut app = app(false);
+    let names = ["fan1", "fan2", "psc1", "propulsion", "steering", "gamepad", "robot", "sonar_front", "sonar_rear"];
+    app.faults = names.iter().map(|name| ((*name).to_string(), vec!["none"])).collect();
+    press(&mut app, 100, ":fault ");
+    let foot = |width| {
+        let screen = screen(&app, width, 24);
+        screen.lines().last().unwrap_or_default().trim_end().to_string()
+    };
+    let all = format!(":fault \u{2588}   {}", names.join(" "));
+    assert_eq!(foot(all.chars().count() as u16), all);
+    assert_eq!(foot(80), ":fault \u{2588}   fan1 fan2 psc1 propulsion steering gamepad robot sonar_front …");
+    assert_eq!(foot(48), ":fault \u{2588}   fan1 fan2 psc1 propulsion steering …");
+    assert_eq!(foot(40), ":fault \u{2588}   fan1 fan2 psc1 propulsion …");
+}
+
+#[test]
 fn read_only_sends_nothing_whatever_is_typed() {
     let mut app = app(true);
     press(&mut app, 0, "d hy:goal 1,2\n:cancel\ns");

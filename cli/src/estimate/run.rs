@@ -2,6 +2,7 @@
 
 use super::super::Failed;
 use super::{Outcomes, Row, START};
+use crate::progress::Progress;
 use estimator::filter::{Estimate, Quality};
 use host::recorder;
 use messages::Message;
@@ -27,8 +28,10 @@ pub fn estimates(run: &Path, start: Option<[f64; 3]>, sets: &[String]) -> Result
     }
     let mut shell = recording::rebuild(reader.header(), sets)?;
     let (mut rows, mut started) = (Vec::new(), start.is_none());
+    let mut progress = Progress::new("estimating");
     while let Some(item) = reader.read().map_err(|refusal| named(refusal.to_string()))? {
         let Item::Record(record) = item else { break };
+        progress.tell(record.place as u64, bytes.len() as u64);
         let mut out = Actions::new(record.epoch);
         record.call(|call| call.tell(&mut shell, record.at, &mut out)).map_err(|refusal| named(refusal.to_string()))?;
         for action in out.drain() {

@@ -142,6 +142,9 @@ fn inline(value: &Value<'_>) -> String {
         Value::Null => "null".into(),
         Value::Bool(value) => value.to_string(),
         Value::Int(value) => value.to_string(),
+        // As in JSON, which has no other numbers.
+        Value::Single(value) if !value.is_finite() => "null".into(),
+        Value::Float(value) if !value.is_finite() => "null".into(),
         Value::Single(value) => format!("{value:?}"),
         Value::Float(value) => format!("{value:?}"),
         // As in JSON, and nothing in it acts on a terminal.
@@ -177,6 +180,7 @@ mod tests {
             ("none".into(), Value::Array(vec![])),
             ("nothing".into(), Value::Struct(vec![])),
             ("nan".into(), Value::Float(f64::NAN)),
+            ("far".into(), Value::Array(vec![Value::Single(f32::INFINITY), Value::Single(1.0)])),
         ]);
         let text = r#"  timestamp: 7
   module: "a \"b\"\u{1b}[2J"
@@ -196,7 +200,8 @@ mod tests {
   voltage: 0.1
   none: []
   nothing: {}
-  nan: NaN"#;
+  nan: null
+  far: [null, 1.0]"#;
         assert_eq!(pretty(&message), text);
     }
 }

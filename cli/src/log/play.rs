@@ -5,6 +5,7 @@ use super::keys::{Key, Keys};
 use super::select::{Select, Selection};
 use super::source::{Item, Log};
 use crate::bus::interrupt;
+use crate::progress::Progress;
 use crate::{Common, Failed, Outcome, complain, neighbours, print, seconds};
 use base::{Duration, Instant};
 use host::clock;
@@ -16,7 +17,6 @@ use nix::sys::signalfd::SignalFd;
 use nix::sys::time::TimeSpec;
 use serde_json::json;
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::{IsTerminal, Write};
 use std::os::fd::AsFd;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -65,7 +65,7 @@ const STEP: u64 = 5_000_000_000;
 const SPEEDS: std::ops::RangeInclusive<f64> = 0.01..=1000.0;
 /// Speed at which nothing is waited for but the bus.
 const UNPACED: f64 = 0.0;
-/// Period of updates of the terminal line, and longest wait for anything.
+/// Longest wait for anything, the terminal line among it.
 const RENEW: Duration = Duration::from_millis(100);
 /// Delay from which the rest is shifted: the log was not available, or the process did not run.
 const LATE: Duration = Duration::from_millis(500);
@@ -144,7 +144,7 @@ struct Player<'a> {
     /// Log time of a pause.
     paused_at: Option<u64>,
     played: Played,
-    status: Option<Instant>,
+    progress: Progress,
 }
 
 enum Turn {
@@ -188,7 +188,7 @@ pub fn play(common: &Common, command: &Play) -> Outcome {
         beside_a_robot: beside.is_some(),
         paused_at: command.pause.then_some(begin),
         played: Played::default(),
-        status: std::io::stderr().is_terminal().then_some(Instant::ZERO),
+        progress: Progress::new("playing"),
     };
     let start = clock::now();
     if !player.settle()? {
@@ -196,7 +196,7 @@ pub fn play(common: &Common, command: &Play) -> Outcome {
     }
     let start = clock::now();
     let outcome = player.run(command.time.map_or(Instant::NEVER, |time| start + time));
-    player.clear();
+    player.progress.clear();
     outcome?;
     player.settle()?;
     player.report(clock::now().since(start))
@@ -351,26 +351,17 @@ impl Player<'_> {
     }
 
     fn show(&mut self, now: Instant) {
-        if self.status.is_none_or(|told| now.since(told) < RENEW) {
-            return;
-        }
-        self.status = Some(now);
         let (start, end) = self.log.span().unwrap_or_default();
+        let (start, end) = (start.max(self.selection.from), end.min(self.selection.to));
         let at = self.paused_at.or(self.pace.map(|pace| pace.log_ns(now))).unwrap_or(start);
-        let second = |ns: u64| ns.saturating_sub(start) as f64 / 1e9;
-        let paused = if self.paused_at.is_some() { ", in pause" } else { "" };
-        let speed = match self.speed {
-            UNPACED => "as fast as it is taken".into(),
-            speed => format!("{speed:.2} ×"),
-        };
-        let line = format!("\r\x1b[K{:.1} of {:.1} s, {speed}{paused}", second(at), second(end));
-        let _ = std::io::stderr().write_all(line.as_bytes());
-    }
-
-    fn clear(&self) {
-        if self.status.is_some() {
-            let _ = std::io::stderr().write_all(b"\r\x1b[K");
+        let [at, all] = [at, end].map(|ns| ns.saturating_sub(start) as f64 / 1e9);
+        let (speed, paused) = (self.speed, self.paused_at.is_some());
+        let share = at / all;
+        if speed == UNPACED && !paused {
+            return self.progress.show(share, |_| status([at, all], speed, paused));
         }
+        let left = (!paused).then(|| (all - at).max(0.0) / speed);
+        self.progress.show_left(share, left, || status([at, all], speed, paused));
     }
 
     fn report(&self, took: Duration) -> Outcome {
@@ -442,9 +433,22 @@ fn send(
     Ok(false)
 }
 
+/// Seconds played of all, and how.
+fn status([at, all]: [f64; 2], speed: f64, paused: bool) -> String {
+    let speed = if speed == UNPACED { "as fast as it is taken".into() } else { format!("{speed:.2} ×") };
+    format!("{:.1} of {all:.1} s, {speed}{}", at.min(all), if paused { ", in pause" } else { "" })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_line_tells_the_place_the_speed_and_a_pause() {
+        assert_eq!(status([12.34, 60.0], 1.0, false), "12.3 of 60.0 s, 1.00 ×");
+        assert_eq!(status([61.0, 60.0], 2.5, true), "60.0 of 60.0 s, 2.50 ×, in pause");
+        assert_eq!(status([0.0, 60.0], UNPACED, false), "0.0 of 60.0 s, as fast as it is taken");
+    }
 
     #[test]
     fn commands_are_played_by_option_and_what_modules_decide_by_beside_no_robot() {

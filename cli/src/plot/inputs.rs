@@ -11,8 +11,9 @@ use robot::picture::{self, Part};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Requested part of a run. A damaged file is read up to the damage, which the picture mentions.
-pub fn read(run: &Path, part: Part) -> Result<Picture, Failed> {
+/// Requested part of a run; `told` of the share that is read. A damaged file is read up to the damage, which the picture
+/// mentions.
+pub fn read(run: &Path, part: Part, told: &mut dyn FnMut(f64)) -> Result<Picture, Failed> {
     let files = replay::files(run, None)?;
     // First the beginning, then the content: no file is held longer than it is read.
     let (known, begin) = beginnings(&files)?;
@@ -21,11 +22,18 @@ pub fn read(run: &Path, part: Part) -> Result<Picture, Failed> {
     let (epoch, begin_us) = begin.ok_or_else(|| format!("{}: nothing is recorded yet", run.display()))?;
     let (mut picture, title) = picture::open(run, &header, robot::recording::described)?;
     let mut remarks = Vec::new();
+    let len = |path: &PathBuf| fs::metadata(path).map_or(0, |data| data.len());
+    let (mut before, all) = (0, files.iter().map(len).sum::<u64>().max(1));
     for path in &files {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        if let Err(why) = take(&whole(path)?, epoch, |at_us| part.has(begin_us, at_us), &mut picture) {
+        let wanted = |at_us, place: usize| {
+            told((before + place as u64) as f64 / all as f64);
+            part.has(begin_us, at_us)
+        };
+        if let Err(why) = take(&whole(path)?, epoch, wanted, &mut picture) {
             remarks.push(format!("{name}: {why}"));
         }
+        before += len(path);
     }
     picture.entitle(Title { remarks, ..title });
     Ok(picture)
@@ -58,18 +66,19 @@ fn beginnings(files: &[PathBuf]) -> Result<(Option<Header>, Option<Begin>), Fail
     Ok((known, begin))
 }
 
-/// What a module published and printed. All modules have one clock, which does not step: `epoch` tells its moments.
+/// What a module published and printed, where that is `wanted` by its time and its place in the file. All modules have one clock, which does not step: `epoch` tells its moments.
 fn take(
     bytes: &[u8],
     epoch: Epoch,
-    wanted: impl Fn(i64) -> bool,
+    mut wanted: impl FnMut(i64, usize) -> bool,
     picture: &mut Picture,
 ) -> Result<(), record::Refusal> {
     let mut reader = Reader::open(bytes)?;
     while let Some(item) = reader.read()? {
         let Item::Record(record) = item else { continue };
         let at_us = epoch.timestamp(record.at);
-        for action in record.answer()?.actions.into_iter().filter(|_| wanted(at_us)) {
+        let wanted = wanted(at_us, record.place);
+        for action in record.answer()?.actions.into_iter().filter(|_| wanted) {
             match action {
                 Action::Publish(message) => picture.take(at_us, &message),
                 Action::Note(_, line) => picture.note(&line),

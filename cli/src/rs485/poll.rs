@@ -3,6 +3,7 @@
 use super::decode;
 use super::line::{Answer, Line, Settled, status_name};
 use super::target::{Known, TIMEOUT, Target, Where};
+use crate::progress::Progress;
 use crate::{Common, Failed, Outcome, finite, print, seconds, whole};
 use base::{Duration, Instant};
 use host::clock;
@@ -11,7 +12,6 @@ use rs485::frame::{OVERHEAD, Status};
 use rs485::master::Lengths;
 use rs485::word_time;
 use serde_json::json;
-use std::io::{IsTerminal, Write, stderr};
 use std::process::ExitCode;
 
 #[derive(clap::Args)]
@@ -81,8 +81,6 @@ const REMEMBERED: usize = 100_000;
 /// For so long after a poll without an answer the line must be silent: an answer that is late is not that of the next
 /// poll.
 const LATE: Duration = Duration::from_millis(100);
-/// How often is shown how it goes.
-const RENEW: Duration = Duration::from_millis(250);
 
 pub fn poll(common: &Common, command: &Poll) -> Outcome {
     let target = command.place.find(common)?;
@@ -92,10 +90,10 @@ pub fn poll(common: &Common, command: &Poll) -> Outcome {
     // Each poll is counted for itself: nothing is repeated.
     let mut line = Line::open(&target, 0, TIMEOUT)?;
     line.allow(&board);
-    let (begin, shows) = (clock::now(), stderr().is_terminal());
+    let (begin, mut progress) = (clock::now(), Progress::new("polling"));
     let until = command.time.map_or(Instant::NEVER, |time| begin + time);
     let period = command.rate.map(|rate| Duration::from_secs_f64(1.0 / rate));
-    let (mut tally, mut next, mut renew) = (Tally::default(), begin, begin + RENEW);
+    let (mut tally, mut next) = (Tally::default(), begin);
     while command.count.is_none_or(|count| tally.polls() < count) && clock::now() < until {
         let answer = line.ask(instruction.ask(board.address, data))?;
         if answer == Answer::Interrupt {
@@ -109,9 +107,9 @@ pub fn poll(common: &Common, command: &Poll) -> Outcome {
             Settled::Interrupt => break,
         }
         let now = clock::now();
-        if shows && now >= renew {
-            renew = now + RENEW;
-            let _ = write!(stderr(), "\r{}\x1b[K", tally.short(now.since(begin)));
+        match share(now.since(begin), command.time, tally.polls(), command.count) {
+            Some(share) => progress.show(share, |took| tally.short(took)),
+            None => progress.open(|took| tally.short(took)),
         }
         if let Some(period) = period {
             // What is late is left out, the grid stays.
@@ -124,9 +122,7 @@ pub fn poll(common: &Common, command: &Poll) -> Outcome {
         }
     }
     let took = clock::now().since(begin);
-    if shows {
-        let _ = write!(stderr(), "\r\x1b[K");
-    }
+    progress.clear();
     if command.json {
         print(tally.json(&target, &board, &instruction, took))?;
     } else {
@@ -136,6 +132,13 @@ pub fn poll(common: &Common, command: &Poll) -> Outcome {
         0 => Err(format!("{} gave no good answer on {}", board.text(), target.name).into()),
         _ => Ok(ExitCode::SUCCESS),
     }
+}
+
+/// What is done of all, by the time or the number of polls that ends it first; `None` without an end.
+fn share(took: Duration, time: Option<Duration>, polls: u64, count: Option<u64>) -> Option<f64> {
+    let by_time = time.map(|time| took.as_secs_f64() / time.as_secs_f64());
+    let by_count = count.map(|count| polls as f64 / count as f64);
+    by_time.into_iter().chain(by_count).reduce(f64::max)
 }
 
 /// Waits; true at Ctrl-C.
@@ -287,6 +290,15 @@ mod tests {
         assert!(hex("3").is_err() && hex("zz").is_err() && hex("+1").is_err() && hex(&"00".repeat(256)).is_err());
         assert!(rate("0").is_err() && rate("NaN").is_err());
         assert_eq!(rate("20"), Ok(20.0));
+    }
+
+    #[test]
+    fn the_end_that_comes_first_tells_how_far_it_is() {
+        let (took, time) = (Duration::from_secs(3), Duration::from_secs(10));
+        assert_eq!(share(took, None, 5, None), None);
+        assert_eq!(share(took, Some(time), 5, None), Some(0.3));
+        assert_eq!(share(took, Some(time), 5, Some(10)), Some(0.5));
+        assert_eq!(share(took, Some(time), 1, Some(10)), Some(0.3));
     }
 
     #[test]

@@ -23,6 +23,7 @@ pub struct Progress {
     /// Number of the signal; 0 without one.
     signal: AtomicU32,
     done: AtomicU32,
+    violations: AtomicU32,
 }
 
 struct Shown {
@@ -46,7 +47,13 @@ impl Progress {
     /// Shows nothing, and receives no signal.
     #[must_use]
     pub fn none() -> Self {
-        Self { shown: None, stop: AtomicBool::new(false), signal: AtomicU32::new(0), done: AtomicU32::new(0) }
+        Self {
+            shown: None,
+            stop: AtomicBool::new(false),
+            signal: AtomicU32::new(0),
+            done: AtomicU32::new(0),
+            violations: AtomicU32::new(0),
+        }
     }
 
     /// Set once the work is to end.
@@ -72,6 +79,7 @@ impl Progress {
 
     /// A rule was violated: what follows until the report, other episodes and the search for fewer faults, takes long.
     pub(super) fn found(&self, number: u64, violation: &Violation) {
+        self.violations.fetch_add(1, Ordering::Relaxed);
         self.tell(&format!("episode {number}: {violation}"));
     }
 
@@ -103,7 +111,7 @@ impl Progress {
             self.signal.store(signal.ssi_signo, Ordering::Relaxed);
             self.stop.store(true, Ordering::Relaxed);
         }
-        shown.show(self.done.load(Ordering::Relaxed).into());
+        shown.show(self.done.load(Ordering::Relaxed).into(), self.violations.load(Ordering::Relaxed));
         if wait(&[shown.signals.as_fd()], LOOK).is_err() {
             thread::sleep(LOOK);
         }
@@ -115,12 +123,33 @@ impl Shown {
         self.line.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn show(&self, done: u64) {
-        let hours = |episodes: u64| episodes as f64 * self.each.as_secs_f64() / 3600.0;
+    fn show(&self, done: u64, violations: u32) {
         let share = done as f64 / self.episodes.max(1) as f64;
-        self.line().show(share, |took| {
-            let factor = hours(done) * 3600.0 / took.as_secs_f64();
-            format!("{:.1} of {:.1} h  {factor:.0}x", hours(done), hours(self.episodes))
-        });
+        self.line().show(share, |took| text([done, self.episodes], self.each, violations, took));
+    }
+}
+
+/// Hours done of all, of episodes of a length; how much faster than time; violations.
+fn text(episodes: [u64; 2], each: Duration, violations: u32, took: Duration) -> String {
+    let [done, all] = episodes.map(|episodes| episodes as f64 * each.as_secs_f64() / 3600.0);
+    let factor = done * 3600.0 / took.as_secs_f64().max(1e-3);
+    let violations = match violations {
+        0 => "no violation".into(),
+        1 => "1 violation".into(),
+        several => format!("{several} violations"),
+    };
+    format!("{done:.1} of {all:.1} h  {factor:.0}x  {violations}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_line_tells_hours_speed_and_violations() {
+        let (each, took) = (Duration::from_secs(360), Duration::from_secs(36));
+        let said = [0, 1, 2].map(|violations| text([94, 200], each, violations, took));
+        let hours = "9.4 of 20.0 h  940x  ";
+        assert_eq!(said, ["no violation", "1 violation", "2 violations"].map(|end| format!("{hours}{end}")));
     }
 }

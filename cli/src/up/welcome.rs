@@ -31,13 +31,16 @@ pub fn greet(run_dir: PathBuf, serves: bool) {
             servers = ask(&run_dir).unwrap_or_default();
         }
         // A failure cannot be reported.
-        let _ = std::io::stderr().write_all(card(servers.first()).as_bytes());
+        let _ = std::io::stderr().write_all(card(servers.first(), serves).as_bytes());
     });
 }
 
 /// One write, so that lines of other processes do not mix with it.
-fn card(server: Option<&ShownCodes>) -> String {
+fn card(server: Option<&ShownCodes>, serves: bool) -> String {
     let mut rows = vec![("The robot is up.", String::new())];
+    if server.is_none() && serves {
+        rows.push(("web page", "not there yet; its address and codes: advee web code".into()));
+    }
     if let Some(server) = server {
         let (operator, engineer) = (spaced(&server.operator), spaced(&server.engineer));
         let minutes = server.valid_s.div_ceil(60);
@@ -96,17 +99,18 @@ mod tests {
             engineer: "87654321".into(),
             valid_s: 599,
         };
-        let card = card(Some(&server));
+        let card = card(Some(&server), true);
         for told in ["http://127.0.0.1:8080/\n", "1234 5678", "http://127.0.0.1:8080/#87654321", "10 minutes", "Ctrl-C"]
         {
             assert!(card.contains(told), "{told}: {card}");
         }
         let width = card.lines().next().unwrap().chars().count();
         assert!(card.lines().all(|line| line.chars().count() <= width), "{card}");
-        assert!(!super::card(None).contains("http"));
+        assert!(!super::card(None, false).contains("http") && !super::card(None, false).contains("web"));
+        assert!(super::card(None, true).contains("advee web code"));
         assert!(!card.contains("for a phone"), "a phone does not reach a loopback address");
         let reachable = ShownCodes { address: "192.168.1.7:8080".into(), ..server };
-        let card = super::card(Some(&reachable));
+        let card = super::card(Some(&reachable), true);
         let picture = qr::lines("http://192.168.1.7:8080/#12345678", true).join("\n");
         assert!(card.ends_with(&format!(" The operator's link for a phone:\n{picture}\n")), "{card}");
     }

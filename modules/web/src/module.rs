@@ -96,8 +96,10 @@ impl Web {
                 out.working();
                 out.note(format!("http://{at}/   Foxglove: ws://{at}/foxglove"));
                 broken.into_iter().chain(session_store.news()).for_each(|line| out.note(line));
-                // Only to a person at a terminal: a text would appear in the journal and in the logs.
+                // Only to a person at a terminal: a text would appear in the journal and in the logs. `advee up`, whose
+                // watchdog starts this process, shows them itself.
                 if std::io::stderr().is_terminal()
+                    && std::env::var_os(host::processes::VARIABLE).is_none()
                     && let Some(invitation) = session_store.invitation()
                 {
                     Log::new(NAME).line(invitation);

@@ -80,4 +80,15 @@ mod tests {
         assert!(of("middlelevel.data_estimate_t").contains(r#"["covariance", "m², m rad, rad²"]"#));
         assert!(!page.contains("\"\""), "{page}");
     }
+
+    /// The page shows what is in µs as an instant.
+    #[test]
+    fn what_is_in_microseconds_is_an_instant() {
+        let schema = Schema::new(LCM_FILES).unwrap();
+        let members = schema.definitions().iter().flat_map(Definition::members);
+        let said = members.map(|member| member.doc.join(" ")).filter(|said| unit(said) == "µs");
+        let instants =
+            said.inspect(|said| assert!(said.contains("icroseconds since the UNIX epoch"), "{said}")).count();
+        assert!(instants > 60, "{instants}");
+    }
 }

@@ -190,6 +190,8 @@ pub struct Table {
     pub mode: Mode,
     /// The RPDO that carries controlword and target.
     pub rpdo: Pdo,
+    /// Communication records of all RPDOs that its data sheet lists: [`NodeConfig::rpdos`].
+    pub rpdos: Cow<'static, [u16]>,
     /// The target, as in a mapping: `0x60FF_0020`.
     pub target: u32,
     /// TPDOs that carry the statusword, the actual value, or both; or the torque ([`TORQUE`]).
@@ -236,6 +238,7 @@ impl Table {
             writes,
             mappings: core::iter::once(rpdo).chain(tpdos).collect(),
             only_mapped_rpdos: true,
+            rpdos: self.rpdos.to_vec(),
             master_limit: self.watches_master.then_some(HEARTBEAT_LIMIT),
             guarding: self.guarding,
             heartbeat: HEARTBEAT,

@@ -44,6 +44,7 @@ pub static TABLE: Table = Table {
     ]),
     mode: Mode::ProfileVelocity,
     rpdo: Pdo::fixed(4, &[CONTROLWORD, 0x60FF_0020]),
+    rpdos: Cow::Borrowed(&[]),
     target: 0x60FF_0020,
     tpdos: Cow::Borrowed(&[Pdo::fixed(1, &[STATUSWORD]), cia402::reporting(4, &[STATUSWORD, 0x606C_0020])]),
     value: 0x606C_0020,

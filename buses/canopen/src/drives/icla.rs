@@ -49,6 +49,7 @@ pub static TABLE: Table = Table {
     ]),
     mode: Mode::ProfilePosition,
     rpdo: Pdo::fixed(2, &[CONTROLWORD, 0x607A_0020]),
+    rpdos: Cow::Borrowed(&[]),
     target: 0x607A_0020,
     tpdos: Cow::Borrowed(&[Pdo::fixed(1, &[STATUSWORD]), cia402::reporting(2, &[STATUSWORD, 0x6064_0020])]),
     value: 0x6064_0020,

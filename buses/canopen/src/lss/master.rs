@@ -287,6 +287,13 @@ impl Master {
         self.events.pop()
     }
 
+    /// How far the search for one slave is, 0 to 1; `None` while none is searched for. It begins anew for each slave
+    /// that [`Command::FindAll`] finds, and after a question that must be asked again.
+    #[must_use]
+    pub fn scan_share(&self) -> Option<f64> {
+        self.run.as_ref()?.scan.as_ref().map(Scan::share)
+    }
+
     /// When to call [`Self::handle_timeout`].
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {

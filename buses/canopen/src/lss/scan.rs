@@ -31,7 +31,10 @@ pub(super) enum Next {
     Contradiction,
 }
 
-/// A scan: at most 133 requests.
+/// Requests of a scan: the first one, and the bits and a check of each word.
+const REQUESTS: u8 = 1 + 4 * (32 + 1);
+
+/// A scan: at most [`REQUESTS`] requests.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Scan {
     words: [u32; 4],
@@ -53,6 +56,16 @@ impl Scan {
                 FastScan { number: self.words[usize::from(word)], bit_check: 0, sub: word, next: (word + 1) % 4 }
             }
         }
+    }
+
+    /// Share of its requests that are behind it, 0 to 1.
+    pub(super) fn share(&self) -> f64 {
+        let behind = match self.phase {
+            Phase::Reset => 0,
+            Phase::Bit { word, bit } => 1 + 33 * word + (31 - bit),
+            Phase::Check { word } => 33 * (word + 1),
+        };
+        f64::from(behind) / f64::from(REQUESTS)
     }
 
     /// True if the question was answered.

@@ -229,6 +229,8 @@ struct Wire {
     frames: u32,
     lost: Option<u32>,
     events: Vec<Event>,
+    /// How far the search was at each change, per mille.
+    scanned: Vec<u32>,
 }
 
 impl Wire {
@@ -241,6 +243,7 @@ impl Wire {
             frames: 0,
             lost: None,
             events: Vec::new(),
+            scanned: Vec::new(),
         }
     }
 
@@ -255,6 +258,10 @@ impl Wire {
         let end = self.now + Duration::from_secs(120);
         while !self.master.is_idle() {
             assert!(self.now < end, "{command:?} does not end");
+            if let Some(share) = self.master.scan_share() {
+                self.scanned.push((share * 1000.0) as u32);
+                self.scanned.dedup();
+            }
             if let Some(request) = self.master.poll_tx() {
                 if self.arrives() {
                     self.answer(&request);
@@ -324,6 +331,10 @@ fn a_scan_finds_the_lowest_address_and_chooses_that_slave_only() {
         let chosen: Vec<_> = wire.in_configuration().into_iter().map(|at| addresses[at]).collect();
         assert_eq!(chosen, [lowest]);
         assert!(wire.now <= Instant::from_millis(5 + 2 + 133 * 20), "{:?}", wire.now);
+        // It is seen to advance by each request, and is over at the last.
+        assert_eq!((wire.scanned.len(), wire.scanned[0], wire.scanned[132]), (133, 0, 992));
+        assert!(wire.scanned.is_sorted());
+        assert_eq!(wire.master.scan_share(), None);
     }
 }
 

@@ -211,6 +211,10 @@ pub struct NodeConfig {
     /// True if every RPDO that `mappings` does not name is switched off at each boot-up: a frame on its identifier
     /// could move a drive, or change its mode. Default false.
     pub only_mapped_rpdos: bool,
+    /// Communication records of the RPDOs that the node's data sheet lists. Each of the first eight is switched off
+    /// where it exists without being listed; beyond them, and beyond these, the search ends at the first that is
+    /// missing, the sixteenth at the latest. Default none.
+    pub rpdos: Vec<u16>,
     /// Value of 0x1016:1, the node's time limit for the master's heartbeat; `None`: not monitored.
     pub master_limit: Option<Duration>,
     /// True if it is guarded by requests; default none: it sends its heartbeat.
@@ -240,6 +244,7 @@ impl NodeConfig {
             stamp: None,
             mappings: Vec::new(),
             only_mapped_rpdos: false,
+            rpdos: Vec::new(),
             master_limit: None,
             guarding: None,
             heartbeat: Duration::from_millis(100),

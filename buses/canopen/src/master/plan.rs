@@ -11,9 +11,11 @@ const SAVE: u32 = u32::from_le_bytes(*b"save");
 const NO_RTR: u32 = 1 << 30;
 /// Communication record of the first RPDO.
 const RPDO: u16 = 0x1400;
-/// RPDOs of the pre-defined connection set.
-const RPDOS_PREDEFINED: u16 = 4;
-/// Maximum number of RPDOs that are switched off. The drives known have four.
+/// Communication record of the last RPDO (CiA 301, 7.5.2.35).
+const RPDO_LAST: u16 = 0x15FF;
+/// First RPDOs, each of which is asked for, whichever are missing. The drives known have four.
+const RPDOS_ASKED: u16 = 8;
+/// RPDOs of which those that follow [`RPDOS_ASKED`] are asked for up to the first that is missing.
 const RPDOS_MAX: u16 = 16;
 
 /// One step.
@@ -51,7 +53,7 @@ pub(super) fn plan(master: &MasterConfig, node: &NodeConfig) -> Vec<(Step, Work)
     plan.push(Step::Identity, Work::Serial);
     plan.configuration(node);
     if node.only_mapped_rpdos {
-        plan.close(&node.mappings);
+        plan.close(node);
     }
     node.mappings.iter().for_each(|mapping| plan.mapping(mapping));
     let mut watched = Vec::new();
@@ -150,16 +152,24 @@ impl Plan {
         self.unless(step, goals, |write, otherwise| Work::Compare { write, otherwise }, body);
     }
 
-    /// Switches off all RPDOs but those of `used`. Beyond the pre-defined ones the first that is missing ends the
-    /// search.
-    fn close(&mut self, used: &[PdoMapping]) {
-        let records = (RPDO..RPDO + RPDOS_MAX).filter(|record| used.iter().all(|pdo| pdo.record != *record));
-        let records: Vec<_> = records.collect();
-        let end = self.0.len() + records.len();
-        for record in records {
-            let otherwise = if record < RPDO + RPDOS_PREDEFINED { self.0.len() + 1 } else { end };
+    /// Switches off all RPDOs that are not mapped: each of the first ones and of those that the data sheet lists, which
+    /// may have gaps, and what follows the first ones up to the first that is missing. An RPDO that is missing costs one
+    /// answer.
+    fn close(&mut self, node: &NodeConfig) {
+        let is_used = |record: &u16| node.mappings.iter().any(|pdo| pdo.record == *record);
+        let followers = RPDO + RPDOS_ASKED..RPDO + RPDOS_MAX;
+        let listed = node.rpdos.iter().copied().filter(|record| (RPDO..=RPDO_LAST).contains(record));
+        let mut certain: Vec<_> = (RPDO..RPDO + RPDOS_ASKED).chain(listed).filter(|record| !is_used(record)).collect();
+        certain.sort_unstable();
+        certain.dedup();
+        let followers: Vec<_> =
+            followers.filter(|record| !is_used(record) && certain.binary_search(record).is_err()).collect();
+        for record in certain {
+            let otherwise = self.0.len() + 1;
             self.push(Step::Mapping, Work::Close { record, otherwise });
         }
+        let otherwise = self.0.len() + followers.len();
+        self.extend(Step::Mapping, followers.into_iter().map(|record| Work::Close { record, otherwise }));
     }
 
     fn mapping(&mut self, pdo: &PdoMapping) {

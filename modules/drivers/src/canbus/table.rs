@@ -568,6 +568,7 @@ impl ObjectsFile {
             settings: std::iter::once(Setting::mode(mode)).chain(settings).collect(),
             mode,
             rpdo: self.rpdo.pdo(),
+            rpdos: Cow::Borrowed(&[]),
             target,
             tpdos: self.tpdos.iter().map(PdoKeys::pdo).collect(),
             value,

@@ -13,6 +13,8 @@ use alloc::vec::Vec;
 
 const RPDO: u16 = 0x1400;
 const TPDO: u16 = 0x1800;
+/// Communication records of all RPDOs that a device may have.
+const RPDOS: core::ops::RangeInclusive<u16> = RPDO..=0x15FF;
 /// PDOs of the pre-defined connection set.
 const NUMBERS: core::ops::RangeInclusive<u8> = 1..=4;
 /// Other TPDOs that are switched off, at most.
@@ -28,6 +30,8 @@ const TORQUE_INHIBIT: u16 = 10 * TORQUE_MS;
 /// PDOs of a drive in use.
 pub(super) struct Pdos {
     pub rpdo: Pdo,
+    /// Communication records of all RPDOs.
+    pub rpdos: Vec<u16>,
     pub tpdos: Vec<Pdo>,
 }
 
@@ -72,7 +76,9 @@ pub(super) fn pdos(draft: &mut Draft<'_>, target: u32, value: u32) -> Result<Pdo
         tpdos.extend(torque(Side { kinds: &EVENT, ..sends }, &tpdos));
     }
     switch_off(draft, &tpdos);
-    Ok(Pdos { rpdo, tpdos })
+    let listed = sheet.eds.groups().iter().map(|group| group.index);
+    let rpdos = listed.filter(|index| RPDOS.contains(index)).collect();
+    Ok(Pdos { rpdo, rpdos, tpdos })
 }
 
 /// The torque in a TPDO of its own, as it is or mapped anew, which is sent in a period: by its inhibit time, and its

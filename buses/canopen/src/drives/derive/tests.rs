@@ -250,6 +250,12 @@ fn pdos_are_taken_as_they_are_or_mapped_anew_and_the_others_are_off() {
     let off = [0x1800, 0x1801, 0x1802].map(|record| written(&as_it_is, record, 1).map(|id| id & INVALID != 0));
     assert_eq!((off, written(&as_it_is, 0x1803, 1)), ([Some(true); 3], Some(0x4000_0485)));
     assert_eq!((written(&as_it_is, 0x1803, 2), written(&as_it_is, 0x1403, 2)), (Some(255), Some(255)));
+    // The boot-up switches off whatever RPDO the sheet lists.
+    let further = "\n[1414]\nParameterName=x\nObjectType=9\nSubNumber=2\n".to_string()
+        + "[1414sub1]\nParameterName=x\nObjectType=7\nDataType=7\nAccessType=rw\n";
+    let further = derived(&(GENERIC.to_string() + &further), &wheel()).unwrap();
+    let node = further.table.node_config("drive", &further.parameters);
+    assert_eq!((node.only_mapped_rpdos, &node.rpdos[..]), (true, &[0x1400, 0x1401, 0x1402, 0x1403, 0x1414][..]));
 
     // Another one maps it nowhere: the first PDO is changed.
     let nowhere = with(&with(GENERIC, "1603sub2", "DefaultValue", "0"), "1A03sub2", "DefaultValue", "0");

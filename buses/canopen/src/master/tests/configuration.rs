@@ -210,16 +210,32 @@ fn with_rpdos(records: &[(u16, u32)]) -> Dictionary {
 #[test]
 fn rpdos_beyond_the_pre_defined_ones_are_switched_off_too() {
     let config = NodeConfig { only_mapped_rpdos: true, ..NodeConfig::new(1, "any") };
-    let objects = with_rpdos(&[(0x1401, 0x345), (0x1404, 0x346), (0x1405, 0x8000_0347), (0x1407, 0x348)]);
-    let mut bus = one(MasterConfig::default(), config, objects);
-    bus.run(50);
-    let frames = bus.sent.iter().filter(|(_, frame)| frame.id() == base::can::Id::Standard(0x601));
-    let asked: Vec<_> = frames.map(|(_, frame)| (frame.data()[0] >> 5, frame.data()[1], frame.data()[2])).collect();
-    let rpdos: Vec<_> = asked.iter().filter(|(_, _, high)| *high == 0x14).map(|(kind, low, _)| (*kind, *low)).collect();
-    // Read, written where it is on, read back; the first missing one beyond the fourth is the last.
-    let expected = [(2, 0), (2, 1), (1, 1), (2, 1), (2, 2), (2, 3), (2, 4), (1, 4), (2, 4), (2, 5), (2, 6)];
-    assert_eq!(rpdos, expected);
-    assert_eq!([0x1401, 0x1404].map(|index| bus.nodes[0].get(index, 1)), [Some(0x8000_0345), Some(0x8000_0346)]);
+    let gaps = [(0x1401, 0x345), (0x1404, 0x346), (0x1405, 0x8000_0347), (0x1407, 0x348)];
+    let later = [(0x1408, 0x349), (0x140A, 0x34A), (0x1414, 0x34B)];
+    // Read, written where it is on, read back: the first eight, and up to the first that is missing beyond them.
+    let first = [(2, 0), (2, 1), (1, 1), (2, 1), (2, 2), (2, 3), (2, 4), (1, 4), (2, 4), (2, 5), (2, 6)];
+    let eighth = [(2, 7), (1, 7), (2, 7)];
+    let asked = |config: &NodeConfig, records: &[(u16, u32)]| {
+        let mut bus = one(MasterConfig::default(), config.clone(), with_rpdos(records));
+        bus.run_to(100, is_booted(1));
+        let frames = bus.sent.iter().filter(|(_, frame)| frame.id() == base::can::Id::Standard(0x601));
+        let asked: Vec<_> = frames.map(|(_, frame)| (frame.data()[0] >> 5, frame.data()[1], frame.data()[2])).collect();
+        let rpdos = asked.iter().filter(|(_, _, high)| *high == 0x14).map(|(kind, low, _)| (*kind, *low));
+        let on =
+            records.iter().map(|(index, _)| *index).filter(|index| bus.nodes[0].get(*index, 1).unwrap() >> 31 == 0);
+        (rpdos.collect::<Vec<_>>(), on.collect::<Vec<_>>())
+    };
+    assert_eq!(asked(&config, &gaps), ([&first[..], &eighth, &[(2, 8)]].concat(), vec![]));
+    // Beyond the eighth a gap hides what follows it,
+    let all = [&gaps[..], &later].concat();
+    let ninth = [(2, 8), (1, 8), (2, 8)];
+    assert_eq!(asked(&config, &all), ([&first[..], &eighth, &ninth, &[(2, 9)]].concat(), vec![0x140A, 0x1414]));
+    // unless the data sheet lists it. What is listed and is no RPDO, or is not there, does nothing.
+    let config = NodeConfig { rpdos: vec![0x1407, 0x1414, 0x140A, 0x140A, 0x1600, 0x1500], ..config };
+    let (rpdos, on) = asked(&config, &all);
+    assert_eq!(on, []);
+    assert!(rpdos.starts_with(&[&first[..], &eighth, &[(2, 0x0A), (1, 0x0A), (2, 0x0A)]].concat()), "{rpdos:?}");
+    assert_eq!(rpdos.last(), Some(&(2, 9)));
 }
 
 #[test]

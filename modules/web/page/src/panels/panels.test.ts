@@ -1,6 +1,7 @@
 import { deepEqual, equal } from "node:assert/strict";
 import { test } from "node:test";
 import { against, count, figure, hex, milliseconds, minutes, moment, percent } from "./format";
+import { place } from "./errors/faults";
 import { begun, demoLink, fileLink, reportLink, started } from "./logs/names";
 
 test("figures are written as people read them", () => {
@@ -32,4 +33,10 @@ test("a run is named by when it began, and addressed without its name doing harm
   equal(demoLink("a&b"), "/?demo=a%26b#/map");
   equal(reportLink("a/b"), "/api/runs/a%2Fb/report.png");
   deepEqual([begun("1970_01_02_00_00_01"), begun("else")], [86401, NaN]);
+});
+
+test("the documentation is named by file and by what is found there", () => {
+  deepEqual(place(0x0104), { file: "docs/faults.md", entry: "0x0104 BoardImplausible" });
+  deepEqual(place(0x7fff), { file: "docs/faults.md", entry: "0x7FFF" });
+  deepEqual([0x8000, 0x8001].map(place), Array(2).fill({ file: "docs/writing-a-module.md", entry: "0x8000" }));
 });

@@ -33,7 +33,8 @@ test("a lost position is never a good one", () => {
 
 test("the battery has its charge, and how long it lasts in hours", () => {
   const of = (charge: number | null, remaining: number | null) => battery({ charge, remaining } as DataPower);
-  deepEqual(of(0.71, 22440), { tone: "good", text: "71\u202F%", title: "Battery 71\u202F%, 6 h 14 min left" });
+  deepEqual(of(0.71, 22440), { tone: "good", text: "71\u202F%", title: "Battery 71\u202F%, 6 h 14 min left", more: "6 h 14 min" });
   deepEqual([0.1, 0.2].map((charge) => of(charge, null).tone), ["bad", "warn"]);
   equal(of(null, null).text, "not known");
+  equal(of(0.71, null).more, undefined);
 });

@@ -32,6 +32,8 @@ export interface Vital {
   text: string;
   /** For who hears it, and in the tooltip. */
   title: string;
+  /** Behind the text where there is room. */
+  more?: string;
 }
 
 /** How well the position is known: half of the longer axis of two standard deviations on either side. */
@@ -52,5 +54,5 @@ export function battery(power: DataPower | null): Vital {
   const percent = `${num(100 * power.charge, 0)}\u202F%`;
   const left = power.remaining === null || power.remaining < 0 ? null : span(Math.round(power.remaining / 60) * 60);
   const title = left === null ? t("Battery {percent}", { percent }) : t("Battery {percent}, {time} left", { percent, time: left });
-  return { tone: power.charge < EMPTY ? "bad" : power.charge < LOW ? "warn" : "good", text: percent, title };
+  return { tone: power.charge < EMPTY ? "bad" : power.charge < LOW ? "warn" : "good", text: percent, title, ...(left === null ? {} : { more: left }) };
 }

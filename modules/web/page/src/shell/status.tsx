@@ -112,10 +112,15 @@ function Vitals() {
   ];
   return (
     <ul class="vitals" aria-label={t("Speed, position, battery")}>
-      {rows.map(([name, Icon, { tone, text, title }]) => (
+      {rows.map(([name, Icon, { tone, text, title, more }]) => (
         <li key={name} class={`tone-${tone}`} title={title}>
           <Icon size={16} aria-hidden />
           <span aria-hidden>{text}</span>
+          {more ? (
+            <span class="vitals-more" aria-hidden>
+              <span>{more}</span>
+            </span>
+          ) : null}
           <span class="visually-hidden">{title}</span>
         </li>
       ))}

@@ -7,10 +7,10 @@ import { momentLink } from "../../timeline/moments";
 import { Badge, Dialog, Facts } from "../../ui";
 import { t } from "../../words";
 import { holdWords } from "../../words/said";
-import { count, hex, moment } from "../format";
+import { count, moment } from "../format";
 import { begun, started } from "../logs/names";
 import { lost } from "../lacks";
-import { fault } from "./faults";
+import { fault, place } from "./faults";
 import { stopOf } from "./stops";
 import { about, beside, of, severity, standing } from "./words";
 
@@ -23,6 +23,7 @@ export function Details({ group, onClose }: { group: ErrorGroup; onClose: () => 
   const others = beside(group, reports);
   const stop = lost() ? null : stopOf(group, holding(drive.value?.holds ?? []));
   const { means, remedy } = fault(group.number);
+  const { file, entry } = place(group.number);
   const log = system.value?.log.value;
   const at = log?.run ? group.last / 1e6 - begun(log.run) : NaN;
   return (
@@ -56,7 +57,7 @@ export function Details({ group, onClose }: { group: ErrorGroup; onClose: () => 
           {t("Modules")}
         </a>
       </div>
-      <p class="muted">{t("In the documentation: docs/faults.md, {number}.", { number: hex(group.number) })}</p>
+      <p class="muted">{t("In the documentation: {file}, {entry}.", { file, entry })}</p>
     </Dialog>
   );
 }

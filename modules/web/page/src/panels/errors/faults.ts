@@ -1,6 +1,7 @@
 // Meaning of a fault's number.
 import { FAULTS } from "../../numbers";
 import { t } from "../../words";
+import { hex } from "../format";
 import { words } from "../../words/language";
 
 export interface Fault {
@@ -12,6 +13,13 @@ export interface Fault {
 
 /** From here on numbers are those of foreign modules, each module's own (docs/writing-a-module.md). */
 const FOREIGN = 0x8000;
+
+/** Where the documentation has it, which the robot does not serve: the file, and what to search for in it. */
+export function place(number: number): { file: string; entry: string } {
+  if (number >= FOREIGN) return { file: "docs/writing-a-module.md", entry: hex(FOREIGN) };
+  const known = FAULTS.get(number);
+  return { file: "docs/faults.md", entry: known ? `${hex(number)} ${known.name}` : hex(number) };
+}
 
 /** What a number stands for. */
 export function fault(number: number): Fault {

@@ -8,7 +8,7 @@ import { Badge, Button, Card, Empty, toast } from "../../ui";
 import { figure, moment } from "../format";
 import { Publish } from "./publish";
 import { choose, chosen, latest, series, toggle } from "./store";
-import { type Field, fields, FIELDS_MAX } from "./tree";
+import { type Field, fields, FIELDS_MAX, isInstant } from "./tree";
 import { Unit } from "./unit";
 
 /** ms between two drawings: faster nobody reads. */
@@ -95,16 +95,17 @@ function Line(props: { channel: string; type: string; field: Field; open: boolea
     );
   }
   const isPlotted = series(channel, field.path);
+  const isTime = isInstant(props.type, field);
   // A moment over time tells nothing.
-  const canPlot = !isTime(field) && (typeof field.value === "number" || typeof field.value === "boolean" || isPlotted || field.value === null);
+  const canPlot = !isTime && (typeof field.value === "number" || typeof field.value === "boolean" || isPlotted || field.value === null);
   return (
     <li class="p-leaf" style={indent}>
       <span class="p-field">{field.name}</span>
       <span class="p-value">
         <output class="figure" aria-live="off">
-          {isTime(field) ? moment(field.value as number) : written(field.value)}
+          {isTime ? moment(field.value as number) : written(field.value)}
         </output>
-        {isTime(field) ? null : <Unit type={props.type} path={field.path} />}
+        {isTime ? null : <Unit type={props.type} path={field.path} />}
       </span>
       {canPlot ? (
         <button
@@ -126,9 +127,6 @@ function Line(props: { channel: string; type: string; field: Field; open: boolea
     </li>
   );
 }
-
-/** Microseconds since the UNIX epoch, by its name and its size. */
-const isTime = ({ name, value }: Field): boolean => /^(timestamp|since)$/.test(name) && typeof value === "number" && value > 1e14;
 
 /** A number with as many digits as it is worth; text in quotation marks. */
 function written(value: Field["value"]): string {

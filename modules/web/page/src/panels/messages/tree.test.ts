@@ -1,7 +1,7 @@
 import { deepEqual, equal } from "node:assert/strict";
 import { test } from "node:test";
 import { GROUPS, group } from "./groups";
-import { at, fields, FIELDS_MAX, plotted, unit } from "./tree";
+import { at, fields, FIELDS_MAX, isInstant, plotted, unit } from "./tree";
 
 const MESSAGE = { timestamp: 1, srfs: [{ id: 0, valid: true }, { id: 1, valid: false }], name: "a", covariance: [[1, 2], [3, null]] };
 
@@ -45,6 +45,17 @@ test("a field has the unit of its definition, in each place of a list", () => {
   equal(unit("lowlevel.data_odo_t", "rotation"), "rad/s");
   equal(unit("middlelevel.data_estimate_t", "covariance[1][2]"), "m², m rad, rad²");
   for (const [type, path] of [["lowlevel.data_srfs_t", "srfs[0].id"], ["lowlevel.data_srfs_t", "constructor"], ["foreign_t", "x"], ["", ""]] as const) equal(unit(type, path), "", path);
+});
+
+test("instants are known by the definition, whatever their names", () => {
+  const now = 1.79e15;
+  const is = (type: string, path: string, value: number | null = now) => isInstant(type, { path, value });
+  equal(is("middlelevel.data_beacon_use_t", "beacons[3].last"), true);
+  equal(is("middlelevel.data_beacon_use_t", "beacons[3].last", 0), true);
+  for (const [type, path] of [["lowlevel.data_beacons_t", "timestamp"], ["lowlevel.data_hold_t", "holds[0].since"], ["common.data_faults_t", "faults[1].since"]] as const) equal(is(type, path), true, path);
+  for (const [type, path] of [["middlelevel.data_beacon_use_t", "beacons[3].x"], ["lowlevel.data_srfs_t", "srfs[0].id"]] as const) equal(is(type, path), false, path);
+  // Of a type that is not ours nothing else is known.
+  deepEqual([is("foreign_t", "head.timestamp"), is("foreign_t", "timestamp", 12), is("foreign_t", "last"), is("foreign_t", "since", null)], [true, false, false, false]);
 });
 
 test("a channel is in the group of its level", () => {

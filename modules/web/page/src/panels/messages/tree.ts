@@ -54,6 +54,16 @@ function leaf(value: unknown): Leaf {
   return null;
 }
 
+/** Unit of instants: what a definition states in µs is µs since 1970. */
+const INSTANT = "µs";
+
+/** Whether a field is an instant, µs since 1970: by the definition of its type, or in a type that is not ours by its name and size. */
+export function isInstant(type: string, { path, value }: Pick<Field, "path" | "value">): boolean {
+  if (typeof value !== "number") return false;
+  if (UNITS.has(type)) return unit(type, path) === INSTANT;
+  return /(^|\.)(timestamp|since)$/.test(path) && value > 1e14;
+}
+
 /** The unit of a field of a type, as its definition states it; empty: none, or a type that is not ours. */
 export function unit(type: string, path: string): string {
   return UNITS.get(type)?.get(path.replace(/\[\d+\]/g, "")) ?? "";

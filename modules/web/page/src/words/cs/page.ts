@@ -557,7 +557,7 @@ export const TEXTS = {
   "Play from here": "Přehrát odtud",
   "What to do: {remedy}": "Co dělat: {remedy}",
   "It belongs to what stops the robot: {words}.": "Patří k tomu, co robota zastavilo: {words}.",
-  "In the documentation: docs/faults.md, {number}.": "V dokumentaci: docs/faults.md, {number}.",
+  "In the documentation: {file}, {entry}.": "V dokumentaci: {file}, {entry}.",
   "Stops the robot: {words}. {remedy}": "Robota zastavuje: {words}. {remedy}",
   "Other errors": "Ostatní chyby",
   "A foreign module was ended by an error that nothing in it caught.": "Cizí modul skončil chybou, kterou nic nezachytilo.",
