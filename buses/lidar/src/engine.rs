@@ -419,7 +419,8 @@ impl<P: Protocol> Lidar<P> {
     fn lose(&mut self, now: Instant, reason: LostReason) {
         self.life = Life::Resting { until: now + REST };
         // A line so disturbed that the device is lost by it, again and again, is so until it has been quiet.
-        if core::mem::take(&mut self.shared.runs) && reason != LostReason::Garbled {
+        let garbled = matches!(reason, LostReason::Garbled | LostReason::Stalled);
+        if core::mem::take(&mut self.shared.runs) && !garbled {
             self.shared.line = Disturbance::default();
         }
         let noise = self.shared.line.is_disturbed(now);
