@@ -130,6 +130,22 @@ impl Imu {
         self.shared.is_active(fault)
     }
 
+    /// Number of the last [`Fault::Device`], as the data sheet of the device has it.
+    #[must_use]
+    pub fn error(&self) -> u8 {
+        self.shared.error
+    }
+
+    /// What a number of an error means, in words; `None`: only the data sheet of the device says it.
+    #[must_use]
+    pub fn meaning(&self, code: u8) -> Option<&'static str> {
+        match self.protocol {
+            Protocol::Bno055(_) => crate::bno055::meaning(code),
+            Protocol::Xsens(_) => crate::xsens::meaning(code),
+            Protocol::WitMotion(_) => None,
+        }
+    }
+
     /// Counters.
     #[must_use]
     pub fn counters(&self) -> &Counters {

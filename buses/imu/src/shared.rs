@@ -23,6 +23,8 @@ pub(crate) struct Shared {
     pub events: Queue<Event, EVENTS>,
     pub transfer: Option<Transfer>,
     pub faults: [bool; Fault::ALL.len()],
+    /// Number of the last error that the device measures with.
+    pub error: u8,
     pub counters: Counters,
     /// It measures: what is rejected disturbs its line.
     pub runs: bool,
@@ -43,6 +45,7 @@ impl Shared {
             events: Queue::new(),
             transfer: None,
             faults: [false; Fault::ALL.len()],
+            error: 0,
             counters: Counters::default(),
             runs: false,
             line: Disturbance::default(),

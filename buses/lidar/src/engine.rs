@@ -68,6 +68,9 @@ pub struct Shared {
     items: Queue<Item, ITEMS>,
     identity: Text,
     health: Option<Health>,
+    /// What the last health means; and the error that it measures with: its code, and what that means.
+    meaning: Text,
+    error: Option<(u32, Text)>,
     faults: [bool; Fault::ALL.len()],
     pub(crate) optics: Optics,
     counters: Counters,
@@ -92,6 +95,8 @@ impl Shared {
             items: Queue::new(),
             identity: Text::new(),
             health: None,
+            meaning: Text::new(),
+            error: None,
             faults: [false; Fault::ALL.len()],
             optics,
             counters: Counters::default(),
@@ -149,9 +154,21 @@ impl Shared {
     }
 
     pub(crate) fn health(&mut self, health: Health) {
+        self.health_of(health, Text::new());
+    }
+
+    /// The same with what its code means.
+    pub(crate) fn health_of(&mut self, health: Health, meaning: Text) {
         if self.health.replace(health) != Some(health) {
+            self.meaning = meaning;
             self.items.push(Item::Health(health));
         }
+    }
+
+    /// Sets the fault that the device reports an error and measures, by its code and what that means; `None` clears it.
+    pub(crate) fn error(&mut self, error: Option<(u32, Text)>) {
+        self.error = error;
+        self.fault(Fault::Device, self.error.is_some());
     }
 
     pub(crate) fn zone(&mut self, zone: Zone, result: FieldResult) {
@@ -271,6 +288,19 @@ impl<P: Protocol> Lidar<P> {
     pub fn result(&self, zone: Zone) -> FieldResult {
         let measures = matches!(self.life, Life::Running { .. }) && self.shared.status() == Status::Ok;
         if measures { self.protocol.result(zone) } else { FieldResult::Unknown }
+    }
+
+    /// What the code of the last [`Health`] means, in words; empty: only the device's manual says it.
+    #[must_use]
+    pub fn meaning(&self) -> &Text {
+        &self.shared.meaning
+    }
+
+    /// Code of the error that the device reports while it measures, and what it means, in words; empty: only the
+    /// device's manual says it.
+    #[must_use]
+    pub fn error(&self) -> Option<(u32, &Text)> {
+        self.shared.error.as_ref().map(|(code, meaning)| (*code, meaning))
     }
 
     /// Counters.
