@@ -96,12 +96,21 @@ impl Bench {
         self.seen.iter().any(|(_, seen)| *seen == wanted)
     }
 
-    /// Injects a fault for three seconds: it is reported within one second, and gone two seconds after its end.
-    pub fn suffers(&mut self, name: &str, set: impl FnOnce(&mut Faults)) {
+    /// Injects every fault of [`ALL`], those of the device, and a silence of 60 s: 20 or more.
+    pub fn suffers_all(&mut self, own: &[Cause]) {
+        assert!(ALL.len() + own.len() + 1 >= 20);
+        for (name, set) in ALL.iter().chain(own) {
+            self.suffers(name, ms(3000), *set);
+        }
+        self.suffers("silence of 60 s", Duration::from_secs(60), |faults| faults.cut = true);
+    }
+
+    /// Injects a fault for this time: it is reported within one second, and gone two seconds after its end.
+    pub fn suffers(&mut self, name: &str, duration: Duration, set: impl FnOnce(&mut Faults)) {
         self.run();
         let since = self.now;
         set(self.device.faults());
-        self.pass(ms(3000));
+        self.pass(duration);
         let is_report = |event: &Event| matches!(event, Event::Lost { .. } | Event::Fault { active: true, .. });
         let report = self.seen.iter().find(|(_, event)| is_report(event));
         let (at, what) = report.unwrap_or_else(|| panic!("{name}: not reported: {:?}", self.seen));
@@ -112,10 +121,13 @@ impl Bench {
         let good = late.filter(|sample| sample.status == Status::Ok).count();
         assert_eq!(good, 0, "{name}: samples that count as good");
         *self.device.faults() = Faults::default();
+        let ended = self.now;
         self.seen.clear();
         self.pass(ms(2000));
         let active: Vec<Fault> = Fault::ALL.iter().copied().filter(|fault| self.engine.is_active(*fault)).collect();
         assert_eq!((self.engine.state(), &active[..]), (State::Running, &[][..]), "{name}: {:?}", self.seen);
+        let last = self.seen.last().map_or(ended, |(at, _)| *at);
+        std::println!("{:32} {:4} ms  again without fault", "", last.since(ended).as_millis());
         self.samples.clear();
         self.pass(ms(300));
         assert!(self.samples.len() > 20, "{name}: {}", self.samples.len());
@@ -124,14 +136,62 @@ impl Bench {
     }
 }
 
+impl Bench {
+    /// Disturbs the line until that is reported, each time with other random numbers and at another phase: times until
+    /// the report, in ascending order. It is gone two seconds after its end each time.
+    pub fn disturbed(&mut self, name: &str, trials: u64, set: impl Fn(&mut Faults)) -> Vec<Duration> {
+        let mut after = Vec::new();
+        for trial in 0..trials {
+            self.run();
+            self.pass(ms(trial * 37 % 101));
+            let since = self.now;
+            set(self.device.faults());
+            while self.seen.is_empty() {
+                self.step();
+                assert!(self.now.since(since) < ms(60_000), "{name}: not reported");
+            }
+            after.push(self.now.since(since));
+            *self.device.faults() = Faults::default();
+            self.pass(ms(2000));
+            assert!(Fault::ALL.iter().all(|fault| !self.engine.is_active(*fault)), "{name}: {:?}", self.seen);
+        }
+        after.sort_unstable();
+        let [median, last] = [after.len() / 2, after.len() - 1].map(|n| after[n].as_millis());
+        let within = after.partition_point(|after| *after <= ms(1000));
+        std::println!("{name:32} {within} of {trials} in 1 s, median {median}, worst {last} ms");
+        after
+    }
+
+    /// One disturbance of the line, such as by a plug that makes contact, is none.
+    pub fn shrugs_off(&mut self, name: &str) {
+        for trial in 0..20 {
+            self.run();
+            self.pass(ms(trial * 37 % 101));
+            self.device.faults().noise_ppm = 500_000;
+            self.pass(ms(60));
+            *self.device.faults() = Faults::default();
+            self.pass(ms(2000));
+            assert!(!self.has(Event::Fault { fault: Fault::Noise, active: true }), "{name}: {:?}", self.seen);
+        }
+    }
+}
+
 /// A fault: its name, and how it is set.
 pub type Cause = (&'static str, fn(&mut Faults));
 
 /// Faults that every device can have.
-pub const ALL: [Cause; 5] = [
+pub const ALL: [Cause; 13] = [
     ("no supply", |faults| faults.unpowered = true),
     ("line cut", |faults| faults.cut = true),
     ("half of all is wrong", |faults| faults.noise_ppm = 500_000),
+    ("half of each message", |faults| faults.halves = true),
+    ("a data bit is stuck", |faults| faults.stuck_bits = 0x40),
+    ("all bytes 0", |faults| faults.constant = Some(0)),
+    ("all bytes 0xFF", |faults| faults.constant = Some(0xFF)),
     ("measurements are repeated", |faults| faults.frozen = true),
     ("a tenth of the acceleration", |faults| faults.acceleration_excess = -0.9),
+    ("twice the acceleration", |faults| faults.acceleration_excess = 1.0),
+    ("acceleration out of range", |faults| faults.saturated_acceleration = true),
+    ("rotation out of range", |faults| faults.saturated_rotation = true),
+    ("no acceleration", |faults| faults.without_acceleration = true),
 ];

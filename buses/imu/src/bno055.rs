@@ -72,5 +72,22 @@ pub const ROTATION_RADPS: f64 = 1.0 / 900.0;
 /// Part of a unit quaternion of a digit (data sheet, table 3-31).
 pub const QUATERNION: f64 = 1.0 / 16384.0;
 
+/// What a value of [`register::SYS_ERR`] means (data sheet, 4.3.59).
+pub(crate) fn meaning(code: u8) -> Option<&'static str> {
+    Some(match code {
+        1 => "initialization of a peripheral failed",
+        2 => "initialization of the system failed",
+        3 => "self-test failed",
+        4 => "value of a register out of range",
+        5 => "address of a register out of range",
+        6 => "writing a register failed",
+        7 => "low power mode not available in this operation mode",
+        8 => "power mode of the accelerometer not available",
+        9 => "configuration of the fusion failed",
+        10 => "configuration of a sensor failed",
+        _ => return None,
+    })
+}
+
 /// Ranges in the modes with fusion: 4 g and 2000 °/s (data sheet, tables 3-8 and 3-9), less a digit.
 pub(crate) const LIMITS: Limits = Limits { acceleration_mps2: 39.21, rotation_radps: 34.9 };

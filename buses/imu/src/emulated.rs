@@ -44,6 +44,40 @@ pub struct Faults {
     /// Bytes of a million that are wrong on a serial line, or refused on I2C; frames of a million that lack a byte on
     /// CAN.
     pub noise_ppm: u32,
+    /// Bits of a million that are wrong, at most 100,000: on a serial line the start bit of each byte included; on CAN
+    /// a frame with such a bit lacks a byte, as if its interface passed it on instead of having it sent again. Not on
+    /// I2C.
+    pub wrong_bits_ppm: u32,
+    /// Bytes of 1000 on a serial line that are lost.
+    pub lost_per_mille: u16,
+    /// Bytes of 1000 on a serial line that are followed by another one.
+    pub added_per_mille: u16,
+    /// These bits of all bytes that are read or received are always set.
+    pub stuck_bits: u8,
+    /// All bytes that are read or received become this one.
+    pub constant: Option<u8>,
+    /// The line has another bit rate than the engine: a serial line garbles all, a CAN bus carries nothing.
+    pub wrong_baud: bool,
+    /// Only the first half of each packet, reading or frame's data arrives.
+    pub halves: bool,
+    /// The first half of the last packet or frame's data is sent for ever, at the rate of the samples.
+    pub half_for_ever: bool,
+    /// I2C: each transfer fails by this.
+    pub bus: Option<Error>,
+    /// I2C: it has fallen back to its state at power-on, and whatever is written to it is lost.
+    pub reset: bool,
+    /// CAN: its frames are remote frames.
+    pub remote: bool,
+    /// CAN: its identifiers are extended ones.
+    pub extended: bool,
+    /// It sends no acceleration; that of a BNO055 is 0.
+    pub without_acceleration: bool,
+    /// It sends no rotation; that of a BNO055 is 0.
+    pub without_rotation: bool,
+    /// Its acceleration is at the end of the range.
+    pub saturated_acceleration: bool,
+    /// Its rotation is at the end of the range.
+    pub saturated_rotation: bool,
     /// It repeats the last measurement.
     pub frozen: bool,
     /// Its gyroscope has lost its calibration; only a BNO055 says so.
@@ -54,6 +88,13 @@ pub struct Faults {
     pub stranger: bool,
     /// Its acceleration is this many times the truth, less 1.
     pub acceleration_excess: f64,
+}
+
+impl Faults {
+    /// What becomes of a byte that is read or received.
+    pub(crate) fn received(&self, byte: u8) -> u8 {
+        self.constant.unwrap_or(byte | self.stuck_bits)
+    }
 }
 
 /// State that all devices have.
@@ -90,12 +131,26 @@ impl Body {
         random % 1000 * 1000 + random / 1000 % 1000 < u64::from(ppm)
     }
 
+    /// A number below this one.
+    pub fn below(&mut self, count: u64) -> u64 {
+        self.chance(0);
+        (self.random >> 16) % count
+    }
+
     /// What is measured now.
     pub fn measure(&mut self) -> Truth {
         if !self.faults.frozen {
             let excess = 1.0 + self.faults.acceleration_excess;
-            let acceleration_mps2 = self.truth.acceleration_mps2.map(|value| excess * value);
-            self.measured = Truth { acceleration_mps2, ..self.truth };
+            let mut measured = self.truth;
+            measured.acceleration_mps2.iter_mut().for_each(|value| *value *= excess);
+            if self.faults.saturated_acceleration {
+                // Beyond all digits.
+                measured.acceleration_mps2[0] = 1e6;
+            }
+            if self.faults.saturated_rotation {
+                measured.rotation_radps[2] = 1e6;
+            }
+            self.measured = measured;
         }
         self.measured
     }

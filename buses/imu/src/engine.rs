@@ -10,13 +10,13 @@
 
 use crate::bno055::Registers;
 use crate::event::{Counters, Event, Fault, LostReason, State};
-use crate::judge::{Limits, WINDOW};
+use crate::judge::{Judge, Limits, WINDOW};
 use crate::shared::{Progress, Shared};
 use crate::witmotion::Packets;
 use crate::xsens::Frames;
 use base::can::Frame;
 use base::i2c::{Address, Outcome, Transfer};
-use base::{Duration, Instant, earliest};
+use base::{Disturbance, Duration, Instant, earliest};
 
 /// A device without new measurements for this time is lost.
 pub const SILENT_AFTER: Duration = Duration::from_millis(400);
@@ -130,6 +130,22 @@ impl Imu {
         self.shared.is_active(fault)
     }
 
+    /// Number of the last [`Fault::Device`], as the data sheet of the device has it.
+    #[must_use]
+    pub fn error(&self) -> u8 {
+        self.shared.error
+    }
+
+    /// What a number of an error means, in words; `None`: only the data sheet of the device says it.
+    #[must_use]
+    pub fn meaning(&self, code: u8) -> Option<&'static str> {
+        match self.protocol {
+            Protocol::Bno055(_) => crate::bno055::meaning(code),
+            Protocol::Xsens(_) => crate::xsens::meaning(code),
+            Protocol::WitMotion(_) => None,
+        }
+    }
+
     /// Counters.
     #[must_use]
     pub fn counters(&self) -> &Counters {
@@ -200,14 +216,14 @@ impl Imu {
         }
         if self.window <= now {
             self.window = now + WINDOW;
-            for (fault, active) in self.shared.judge.window(self.shared.disturbed) {
-                // What nothing says anything about stays as it is; a line is disturbed only while something arrives.
+            // What nothing says anything about stays as it is.
+            if let Some(implausible) = self.shared.judge.window() {
                 let running = matches!(self.life, Life::Running { .. });
-                if let Some(active) = active {
-                    self.shared.fault(fault, active && running);
-                }
+                self.shared.fault(Fault::Implausible, implausible && running);
             }
         }
+        let disturbed = self.shared.line.is_disturbed(now);
+        self.shared.fault(Fault::Noise, disturbed);
     }
 
     /// The next transfer on an I2C bus; the host answers with [`Self::handle_outcome`].
@@ -223,11 +239,12 @@ impl Imu {
     /// Instant of the next [`Self::handle_timeout`]; a past instant means at once.
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
+        let quiet = self.shared.line.poll_timeout();
         match self.life {
             Life::New => Some(Instant::ZERO),
-            Life::Resting { until } => Some(until.min(self.window)),
+            Life::Resting { until } => earliest([Some(until), Some(self.window), quiet]),
             Life::Starting { until } | Life::Running { until } => {
-                earliest([Some(until), Some(self.window), self.protocol.poll_timeout()])
+                earliest([Some(until), Some(self.window), quiet, self.protocol.poll_timeout()])
             }
         }
     }
@@ -238,7 +255,7 @@ impl Imu {
 
     fn start(&mut self, now: Instant) {
         (self.shared.arrived, self.shared.valid, self.shared.measured) = (None, None, false);
-        self.shared.judge.reset(self.shared.disturbed);
+        self.shared.judge = Judge::default();
         self.protocol.start(now);
         self.life = Life::Starting { until: now + START_WITHIN };
     }
@@ -264,6 +281,7 @@ impl Imu {
         }
         if self.is_awake() {
             self.life = Life::Running { until: now + SILENT_AFTER };
+            self.shared.runs = true;
         }
     }
 
@@ -273,8 +291,14 @@ impl Imu {
             self.shared.push(Event::Lost { reason });
         }
         self.lost = Some((since, reason));
+        // A line so disturbed that the device is lost by it, again and again, is so until it has been quiet.
+        let garbled = matches!(reason, LostReason::Garbled | LostReason::Incomplete);
+        if core::mem::take(&mut self.shared.runs) && !garbled {
+            self.shared.line = Disturbance::default();
+        }
+        let noise = self.shared.line.is_disturbed(now);
         for fault in Fault::ALL {
-            self.shared.fault(fault, false);
+            self.shared.fault(fault, fault == Fault::Noise && noise);
         }
         self.life = Life::Resting { until: now + REST };
     }

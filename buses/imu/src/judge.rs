@@ -1,13 +1,10 @@
 //! Plausibility of what a device measures.
 
 use crate::GRAVITY_MPS2;
-use crate::event::Fault;
 use base::{Duration, Instant};
 
-/// Time over which arrivals and gravity are judged.
+/// Time over which gravity is judged.
 pub(crate) const WINDOW: Duration = Duration::from_millis(500);
-/// Rejected messages of a [`WINDOW`] that make a disturbed line.
-const NOISE: u32 = 5;
 /// Values that stay the same to the last bit for this time are not measured: the noise of every sensor changes some.
 const FROZEN_AFTER: Duration = Duration::from_millis(500);
 /// Samples that have to be the same, too: a slow device must not count as frozen.
@@ -34,16 +31,9 @@ pub(crate) struct Judge {
     count: u32,
     /// A value of this window was out of range.
     beyond: bool,
-    /// Rejected messages at the begin of the window.
-    rejected: u32,
 }
 
 impl Judge {
-    /// Forgets all samples: the device was started anew.
-    pub fn reset(&mut self, rejected: u32) {
-        *self = Self { rejected, ..Self::default() };
-    }
-
     /// Takes a sample; true in place of a fault that it begins at once, or ends.
     pub fn take(&mut self, at: Instant, acceleration: [f64; 3], rotation: [f64; 3], limits: Limits) -> Verdict {
         let beyond = acceleration.iter().any(|value| libm::fabs(*value) >= limits.acceleration_mps2)
@@ -62,16 +52,15 @@ impl Judge {
         Verdict { beyond, frozen: same >= FROZEN_COUNT && at.since(since) >= FROZEN_AFTER }
     }
 
-    /// Ends a window. Returns each fault that is judged by a whole window, and whether it is active.
-    pub fn window(&mut self, rejected: u32) -> [(Fault, Option<bool>); 2] {
-        let noise = rejected.wrapping_sub(self.rejected) >= NOISE;
+    /// Ends a window. Returns whether what was measured in it is implausible; `None`: nothing was.
+    pub fn window(&mut self) -> Option<bool> {
         let implausible = (self.count > 0).then(|| {
             let mean = self.sum.map(|sum| sum / f64::from(self.count));
             let length = libm::sqrt(mean.iter().map(|part| part * part).sum());
             self.beyond || libm::fabs(length - GRAVITY_MPS2) > GRAVITY_TOLERANCE_MPS2
         });
-        (self.sum, self.count, self.beyond, self.rejected) = ([0.0; 3], 0, false, rejected);
-        [(Fault::Noise, Some(noise)), (Fault::Implausible, implausible)]
+        (self.sum, self.count, self.beyond) = ([0.0; 3], 0, false);
+        implausible
     }
 }
 
@@ -110,14 +99,8 @@ mod tests {
         let mut judge = Judge::default();
         for (az, implausible) in [(9.81, false), (0.98, true), (19.6, true), (-9.81, false), (12.0, false)] {
             (0..50).for_each(|n| _ = level(&mut judge, n, az));
-            assert_eq!(judge.window(0)[1], (Fault::Implausible, Some(implausible)), "{az}");
+            assert_eq!(judge.window(), Some(implausible), "{az}");
         }
-        assert_eq!(judge.window(0)[1], (Fault::Implausible, None));
-    }
-
-    #[test]
-    fn five_rejected_messages_of_a_window_are_noise() {
-        let mut judge = Judge::default();
-        assert_eq!([4, 9, 13].map(|rejected| judge.window(rejected)[0].1), [Some(false), Some(true), Some(false)]);
+        assert_eq!(judge.window(), None);
     }
 }

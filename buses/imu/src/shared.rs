@@ -3,7 +3,7 @@
 use crate::event::{Counters, Event, Fault, Identity, LostReason, Sample, Status};
 use crate::judge::{Judge, Limits};
 use base::i2c::Transfer;
-use base::{Instant, Queue};
+use base::{Disturbance, Instant, Queue};
 
 /// Events that wait to be drained.
 const EVENTS: usize = 64;
@@ -23,9 +23,12 @@ pub(crate) struct Shared {
     pub events: Queue<Event, EVENTS>,
     pub transfer: Option<Transfer>,
     pub faults: [bool; Fault::ALL.len()],
+    /// Number of the last error that the device measures with.
+    pub error: u8,
     pub counters: Counters,
-    /// Rejected messages, without those that nobody answered: what disturbs a line.
-    pub disturbed: u32,
+    /// It measures: what is rejected disturbs its line.
+    pub runs: bool,
+    pub line: Disturbance,
     pub limits: Limits,
     pub judge: Judge,
     /// Instant of the input that is handled, of the last input, and of the last valid message.
@@ -42,8 +45,10 @@ impl Shared {
             events: Queue::new(),
             transfer: None,
             faults: [false; Fault::ALL.len()],
+            error: 0,
             counters: Counters::default(),
-            disturbed: 0,
+            runs: false,
+            line: Disturbance::default(),
             limits,
             judge: Judge::default(),
             now: Instant::ZERO,
@@ -68,7 +73,10 @@ impl Shared {
     pub fn reject(&mut self) {
         self.arrived = Some(self.now);
         self.counters.rejected = self.counters.rejected.saturating_add(1);
-        self.disturbed = self.disturbed.wrapping_add(1);
+        // In a start-up what is left of the time before it is rejected, too; it may only keep a disturbed line so.
+        if (self.runs || self.is_active(Fault::Noise)) && self.line.damaged(self.now) {
+            self.fault(Fault::Noise, true);
+        }
     }
 
     /// Counts a transfer to which nobody answered: nothing arrived.

@@ -40,5 +40,10 @@ pub const QUATERNION: f64 = 1.0 / 32767.0;
 /// °C of a digit (6.6.1).
 pub const TEMPERATURE_C: f64 = 1.0 / 256.0;
 
+/// What the code of an error frame means (6.1.1), where it is known.
+pub(crate) fn meaning(code: u8) -> Option<&'static str> {
+    (code == 1).then_some("overflow of its output buffer")
+}
+
 /// Ranges that the protocol states (6.4.2, 6.4.4).
 pub(crate) const LIMITS: Limits = Limits { acceleration_mps2: 100.0, rotation_radps: 35.0 };

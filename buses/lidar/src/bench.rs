@@ -113,12 +113,25 @@ impl<P: Protocol, D: Device> Bench<P, D> {
         self.seen.iter().any(|(_, seen)| seen == wanted)
     }
 
+    /// Injects every fault of [`LINE`], those of the device, and a silence of 60 s.
+    pub fn suffers_all(&mut self, own: &[Cause]) {
+        for (name, set) in LINE.iter().chain(own) {
+            self.suffers(name, *set);
+        }
+        self.suffers_for(Duration::from_secs(60), "silence of 60 s", |faults| faults.mute = true);
+    }
+
     /// Injects a fault for three seconds: it is reported within one second, and gone two seconds after its end.
     pub fn suffers(&mut self, name: &str, set: impl FnOnce(&mut Faults)) {
+        self.suffers_for(ms(3000), name, set);
+    }
+
+    /// The same for another time.
+    pub fn suffers_for(&mut self, duration: Duration, name: &str, set: impl FnOnce(&mut Faults)) {
         self.run();
         let since = self.now;
         set(self.device.faults());
-        self.pass(ms(3000));
+        self.pass(duration);
         let report = self.seen.iter().find(|(_, seen)| matches!(seen, Seen::Lost(_) | Seen::Fault(_, true)));
         let (at, what) = report.unwrap_or_else(|| panic!("{name}: not reported: {:?}", self.seen));
         let after = at.since(since);
@@ -138,6 +151,81 @@ impl<P: Protocol, D: Device> Bench<P, D> {
         assert!(self.sectors.len() > 3, "{name}");
         assert!(self.sectors.iter().all(|sector| sector.status == Status::Ok), "{name}");
         self.seen.clear();
+    }
+}
+
+/// How a disturbed line was reported, in many trials.
+#[derive(Debug)]
+pub struct Reports {
+    /// Times until a report, in ascending order.
+    pub after: Vec<Duration>,
+    /// How often nothing was reported any more while the cause stood.
+    pub ends: usize,
+}
+
+impl Reports {
+    /// Trials with a report within this time.
+    pub fn within(&self, limit: Duration) -> usize {
+        self.after.partition_point(|after| *after <= limit)
+    }
+}
+
+impl<P: Protocol, D: Device> Bench<P, D> {
+    /// Disturbs the line until that is reported, each time with other random numbers and at another phase, and in every
+    /// tenth trial for 5 s more. It is gone two seconds after its end each time.
+    pub fn disturbed(&mut self, name: &str, trials: u64, set: impl Fn(&mut Faults)) -> Reports {
+        let (mut reports, mut stood) = (Reports { after: Vec::new(), ends: 0 }, Duration::ZERO);
+        let is_report = |(_, seen): &(Instant, Seen)| matches!(seen, Seen::Lost(_) | Seen::Fault(_, true));
+        for trial in 0..trials {
+            self.run();
+            self.pass(ms(trial * 37 % 101));
+            let since = self.now;
+            set(self.device.faults());
+            while !self.seen.iter().any(is_report) {
+                self.step();
+                assert!(self.now.since(since) < ms(60_000), "{name}: not reported");
+            }
+            reports.after.push(self.now.since(since));
+            if trial.is_multiple_of(10) {
+                for _ in 0..5000 {
+                    let was_well = self.is_well();
+                    self.step();
+                    reports.ends += usize::from(self.is_well() && !was_well);
+                }
+                stood += ms(5000);
+            }
+            *self.device.faults() = Faults::default();
+            let ended = self.now;
+            while !self.is_well() {
+                self.step();
+                assert!(self.now.since(ended) <= ms(2000), "{name}: {:?}", self.seen);
+            }
+        }
+        reports.after.sort_unstable();
+        let [median, last] = [reports.after.len() / 2, reports.after.len() - 1].map(|n| reports.after[n].as_millis());
+        let (within, ends, stood) = (reports.within(ms(1000)), reports.ends, stood.as_secs());
+        std::println!(
+            "{name:32} {within} of {trials} in 1 s, median {median}, worst {last} ms; {ends} ends in {stood} s"
+        );
+        reports
+    }
+
+    /// It measures without a fault.
+    fn is_well(&self) -> bool {
+        self.engine.state() == State::Running && !Fault::ALL.iter().any(|fault| self.engine.is_active(*fault))
+    }
+
+    /// One disturbance of the line, such as by a plug that makes contact, is none.
+    pub fn shrugs_off(&mut self, name: &str) {
+        for trial in 0..20 {
+            self.run();
+            self.pass(ms(trial * 37 % 101));
+            self.device.faults().noise_ppm = 500_000;
+            self.pass(ms(60));
+            *self.device.faults() = Faults::default();
+            self.pass(ms(2000));
+            assert!(!self.has(&Seen::Fault(Fault::Noise, true)), "{name}: {:?}", self.seen);
+        }
     }
 }
 

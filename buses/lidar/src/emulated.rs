@@ -57,6 +57,8 @@ pub struct Faults {
     pub deaf: bool,
     /// Of a million bytes to the engine, this many have a wrong bit.
     pub noise_ppm: u32,
+    /// Of a million bits to the engine, this many are wrong, the start bit of each byte included; at most 100,000.
+    pub wrong_bits_ppm: u32,
     /// Of 1000 bytes to the engine, this many are lost.
     pub lost_per_mille: u16,
     /// Of 1000 bytes to the engine, this many are followed by another one.

@@ -10,7 +10,7 @@
 
 use crate::event::{Counters, Event, Fault, FieldResult, Health, LostReason, State, Text, Zone};
 use crate::scan::{Sector, Sectors, Status, wrap};
-use base::{Duration, Instant, Queue, earliest};
+use base::{Disturbance, Duration, Instant, Queue, earliest};
 use heapless::Vec;
 
 /// A device without new measurements for this time is lost.
@@ -19,8 +19,6 @@ pub const SILENT_AFTER: Duration = Duration::from_millis(400);
 pub const REST: Duration = Duration::from_millis(200);
 /// Time over which arrivals are judged.
 const WINDOW: Duration = Duration::from_millis(500);
-/// Rejected messages of a [`WINDOW`] that make a disturbed line.
-const NOISE: u32 = 5;
 /// Least part of the field of view that must arrive.
 const COVERED_MIN: f64 = 0.7;
 /// Items that wait to be drained, sectors included.
@@ -70,6 +68,9 @@ pub struct Shared {
     items: Queue<Item, ITEMS>,
     identity: Text,
     health: Option<Health>,
+    /// What the last health means; and the error that it measures with: its code, and what that means.
+    meaning: Text,
+    error: Option<(u32, Text)>,
     faults: [bool; Fault::ALL.len()],
     pub(crate) optics: Optics,
     counters: Counters,
@@ -81,6 +82,9 @@ pub struct Shared {
     /// Sectors since the last check.
     measured: u32,
     covered_rad: f64,
+    /// It measures: what is rejected disturbs its line.
+    runs: bool,
+    line: Disturbance,
 }
 
 impl Shared {
@@ -91,6 +95,8 @@ impl Shared {
             items: Queue::new(),
             identity: Text::new(),
             health: None,
+            meaning: Text::new(),
+            error: None,
             faults: [false; Fault::ALL.len()],
             optics,
             counters: Counters::default(),
@@ -99,6 +105,8 @@ impl Shared {
             valid: None,
             measured: 0,
             covered_rad: 0.0,
+            runs: false,
+            line: Disturbance::default(),
         }
     }
 
@@ -118,7 +126,15 @@ impl Shared {
 
     /// Counts input that the protocol does not allow.
     pub(crate) fn reject(&mut self) {
+        // In a start-up what is left of the time before it is rejected, too; it may only keep a disturbed line so.
+        self.count_rejected(self.runs || self.is_active(Fault::Noise));
+    }
+
+    fn count_rejected(&mut self, disturbs: bool) {
         self.counters.rejected = self.counters.rejected.saturating_add(1);
+        if disturbs && self.line.damaged(self.now) {
+            self.fault(Fault::Noise, true);
+        }
     }
 
     /// Notes that something valid arrived, which is not counted.
@@ -129,7 +145,7 @@ impl Shared {
     /// Counts a valid message without new measurements: the device repeats itself, or its motor stands.
     pub(crate) fn stale(&mut self) {
         self.valid = Some(self.now);
-        self.reject();
+        self.count_rejected(self.runs);
     }
 
     pub(crate) fn identify(&mut self, identity: Text) {
@@ -138,9 +154,21 @@ impl Shared {
     }
 
     pub(crate) fn health(&mut self, health: Health) {
+        self.health_of(health, Text::new());
+    }
+
+    /// The same with what its code means.
+    pub(crate) fn health_of(&mut self, health: Health, meaning: Text) {
         if self.health.replace(health) != Some(health) {
+            self.meaning = meaning;
             self.items.push(Item::Health(health));
         }
+    }
+
+    /// Sets the fault that the device reports an error and measures, by its code and what that means; `None` clears it.
+    pub(crate) fn error(&mut self, error: Option<(u32, Text)>) {
+        self.error = error;
+        self.fault(Fault::Device, self.error.is_some());
     }
 
     pub(crate) fn zone(&mut self, zone: Zone, result: FieldResult) {
@@ -215,7 +243,7 @@ enum Life {
     New,
     Starting { until: Instant },
     Resting { until: Instant },
-    Running { until: Instant, window: Instant, rejected: u32 },
+    Running { until: Instant, window: Instant },
 }
 
 /// Time limit of a start-up until its first sector, the spin-up of the motor included.
@@ -262,6 +290,19 @@ impl<P: Protocol> Lidar<P> {
         if measures { self.protocol.result(zone) } else { FieldResult::Unknown }
     }
 
+    /// What the code of the last [`Health`] means, in words; empty: only the device's manual says it.
+    #[must_use]
+    pub fn meaning(&self) -> &Text {
+        &self.shared.meaning
+    }
+
+    /// Code of the error that the device reports while it measures, and what it means, in words; empty: only the
+    /// device's manual says it.
+    #[must_use]
+    pub fn error(&self) -> Option<(u32, &Text)> {
+        self.shared.error.as_ref().map(|(code, meaning)| (*code, meaning))
+    }
+
     /// Counters.
     #[must_use]
     pub fn counters(&self) -> &Counters {
@@ -292,6 +333,7 @@ impl<P: Protocol> Lidar<P> {
 
     /// Serves deadlines; late and needless calls do no harm. The first call starts the engine.
     pub fn handle_timeout(&mut self, now: Instant) {
+        self.shared.now = now;
         match self.life {
             Life::New => self.start(now),
             Life::Resting { until } if until <= now => self.start(now),
@@ -305,6 +347,8 @@ impl<P: Protocol> Lidar<P> {
             self.measured(now);
         }
         self.judge(now);
+        let disturbed = self.shared.line.is_disturbed(now);
+        self.shared.fault(Fault::Noise, disturbed);
     }
 
     /// Next output, to be sent in order.
@@ -329,11 +373,14 @@ impl<P: Protocol> Lidar<P> {
     /// Instant of the next [`Self::handle_timeout`]; a past instant means at once.
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
+        let quiet = self.shared.line.poll_timeout();
         match self.life {
             Life::New => Some(Instant::ZERO),
-            Life::Resting { until } => Some(until),
-            Life::Starting { until } => earliest([Some(until), self.protocol.poll_timeout()]),
-            Life::Running { until, window, .. } => earliest([Some(until), Some(window), self.protocol.poll_timeout()]),
+            Life::Resting { until } => earliest([Some(until), quiet]),
+            Life::Starting { until } => earliest([Some(until), quiet, self.protocol.poll_timeout()]),
+            Life::Running { until, window } => {
+                earliest([Some(until), Some(window), quiet, self.protocol.poll_timeout()])
+            }
         }
     }
 
@@ -370,9 +417,8 @@ impl<P: Protocol> Lidar<P> {
         }
         match &mut self.life {
             Life::Starting { .. } => {
-                let rejected = self.shared.counters.rejected;
-                self.life = Life::Running { until: now + SILENT_AFTER, window: now + WINDOW, rejected };
-                self.shared.covered_rad = 0.0;
+                self.life = Life::Running { until: now + SILENT_AFTER, window: now + WINDOW };
+                (self.shared.covered_rad, self.shared.runs) = (0.0, true);
                 let after = self.lost.take().map_or(Duration::ZERO, |(since, _)| now.since(since));
                 self.shared.items.push(Item::Recovered(after));
             }
@@ -384,7 +430,7 @@ impl<P: Protocol> Lidar<P> {
 
     /// Judges the arrivals of a window.
     fn judge(&mut self, now: Instant) {
-        let Life::Running { window, rejected, .. } = &mut self.life else { return };
+        let Life::Running { window, .. } = &mut self.life else { return };
         if *window > now {
             return;
         }
@@ -392,11 +438,9 @@ impl<P: Protocol> Lidar<P> {
         let late = now.since(*window);
         let optics = self.shared.optics;
         let expected = optics.view_rad * optics.rate_min_hz * WINDOW.as_secs_f64();
-        let noise = self.shared.counters.rejected.saturating_sub(*rejected) >= NOISE;
         let incomplete = self.shared.covered_rad < COVERED_MIN * expected;
-        (*window, *rejected) = (now + WINDOW, self.shared.counters.rejected);
+        *window = now + WINDOW;
         self.shared.covered_rad = 0.0;
-        self.shared.fault(Fault::Noise, noise);
         if late < WINDOW {
             self.shared.fault(Fault::Incomplete, incomplete);
         }
@@ -404,8 +448,14 @@ impl<P: Protocol> Lidar<P> {
 
     fn lose(&mut self, now: Instant, reason: LostReason) {
         self.life = Life::Resting { until: now + REST };
+        // A line so disturbed that the device is lost by it, again and again, is so until it has been quiet.
+        let garbled = matches!(reason, LostReason::Garbled | LostReason::Stalled);
+        if core::mem::take(&mut self.shared.runs) && !garbled {
+            self.shared.line = Disturbance::default();
+        }
+        let noise = self.shared.line.is_disturbed(now);
         for fault in Fault::ALL {
-            self.shared.fault(fault, false);
+            self.shared.fault(fault, fault == Fault::Noise && noise);
         }
         let since = self.lost.map_or(now, |(since, _)| since);
         if self.lost.is_none_or(|(_, before)| before != reason) {

@@ -29,6 +29,7 @@ extern crate alloc;
 
 pub mod can;
 mod deadlines;
+mod disturbance;
 pub mod gamepad;
 pub mod gpio;
 pub mod i2c;
@@ -43,6 +44,7 @@ mod time;
 pub mod w1;
 
 pub use deadlines::{Deadlines, Key, earliest};
+pub use disturbance::Disturbance;
 pub use queue::Queue;
 pub use report::{Fault, Kind, Level, Location, Report, Severity};
 pub use time::{Duration, Epoch, Instant, Ticker};

@@ -125,6 +125,7 @@ impl Fault {
             Self::LidarNoResult => {
                 "Check that the configured field or output exists in the lidar, and is enabled there."
             }
+            Self::LidarWarning => "Look up the code in the lidar's manual, before the lidar fails.",
 
             Self::ImuLost => "Check power and cable of the unit.",
             Self::ImuDisturbed => "Check plugs and shield of the unit's line.",

@@ -264,6 +264,8 @@ faults! {
     LidarError = 0x0737, Device;
     /// A lidar that measures gives no valid result of a field or an output that stops the robot: the robot stands.
     LidarNoResult = 0x0738, Device;
+    /// A lidar warns that it may fail; it still measures.
+    LidarWarning = 0x0739, Device;
 
     /// An inertial measurement unit does not measure: nothing goes by it.
     ImuLost = 0x0741, Device;

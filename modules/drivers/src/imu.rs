@@ -241,7 +241,7 @@ impl Unit {
                 ImuEvent::Fault { fault, active } => self.report(fault, active, out),
                 ImuEvent::Lost { reason } => {
                     self.measures = Some(false);
-                    let message = format!("imu {name} {}: nothing goes by it", why(reason));
+                    let message = format!("imu {name} {}: nothing goes by it", why(reason, &self.engine));
                     out.raise(Severity::Error, Fault::ImuLost, self.subject.as_str(), message);
                 }
                 ImuEvent::Recovered { .. } => {
@@ -308,7 +308,9 @@ impl Unit {
         };
         let (name, subject) = (&self.device.name, self.subject.as_str());
         if active {
-            out.raise(severity, number, subject, format!("imu {name}: {what}; nothing goes by it"));
+            let code = (fault == ImuFault::Device).then(|| format!(", {}", coded(self.engine.error(), &self.engine)));
+            let code = code.unwrap_or_default();
+            out.raise(severity, number, subject, format!("imu {name}: {what}{code}; nothing goes by it"));
         } else {
             out.clear(number, subject, format!("imu {name}: not any more: {what}"));
         }
@@ -332,14 +334,19 @@ impl Unit {
     }
 }
 
+/// A number of an error, and what it means where that is known.
+fn coded(code: u8, engine: &Imu) -> String {
+    engine.meaning(code).map_or_else(|| format!("code {code}"), |meaning| format!("code {code}, {meaning}"))
+}
+
 /// Why it is lost, in words.
-fn why(reason: LostReason) -> String {
+fn why(reason: LostReason, engine: &Imu) -> String {
     match reason {
         LostReason::Silent => "is silent".into(),
         LostReason::Garbled => "sends nothing that is valid: wrong model or rate".into(),
         LostReason::Incomplete => "sends no acceleration or no rotation, or restarted".into(),
         LostReason::Identity { chip } => format!("is another chip, {chip:#04x}"),
-        LostReason::Device { code } => format!("reports error {code}, and does not measure"),
+        LostReason::Device { code } => format!("reports an error, {}, and does not measure", coded(code, engine)),
         LostReason::Closed => "is not connected".into(),
     }
 }

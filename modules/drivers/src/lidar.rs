@@ -188,17 +188,19 @@ impl Scanner {
                         *identity = text.into_owned();
                     }
                 }
-                LidarEvent::Health(health) => {
-                    if let Some(told) = told(health) {
-                        out.note(format!("lidar {} {told}", device.name));
-                    }
-                }
+                LidarEvent::Health(health) => report_health(device, engine.as_ref(), health, out),
                 LidarEvent::Fault { fault: LidarFault::Slow, active } => *slow = active,
                 LidarEvent::Fault { fault: LidarFault::Blocked, active } => *blocked = active,
+                LidarEvent::Fault { fault: LidarFault::Device, active: true } => {
+                    let what = engine.error().map_or_else(|| "without a code".into(), |(code, text)| coded(code, text));
+                    let message = format!("lidar {} reports an error: {what}", device.name);
+                    out.raise(Severity::Error, Fault::LidarError, device.bus.as_str(), message);
+                }
                 LidarEvent::Fault { fault, active } => report(device, fault, active, out),
                 LidarEvent::Lost { reason } => {
                     (*measures, *echo) = (Some(false), None);
-                    let message = format!("lidar {} {}: what it looks at is unknown", device.name, why(reason));
+                    let why = why(reason, engine.meaning());
+                    let message = format!("lidar {} {why}: what it looks at is unknown", device.name);
                     out.raise(Severity::Error, Fault::LidarLost, device.bus.as_str(), message);
                 }
                 LidarEvent::Recovered { .. } => {
@@ -307,12 +309,33 @@ fn is_covered(now: Instant, device: &Device, echo: Option<Instant>) -> bool {
     device.keys.no_echo == NoEcho::Nothing && echo.is_none_or(|at| now.since(at) > COVERED_AFTER)
 }
 
-/// A health that is not good, in words.
-fn told(health: Health) -> Option<String> {
+/// A code of a device, and what it means where that is known.
+fn coded(code: u32, meaning: &[u8]) -> String {
+    if meaning.is_empty() {
+        format!("code {code}")
+    } else {
+        format!("code {code}, {}", String::from_utf8_lossy(meaning))
+    }
+}
+
+/// Reports a device that warns or has an error, until it says otherwise. What it says of its optics is `LidarDirty` or
+/// `LidarBlocked`.
+fn report_health(device: &Device, engine: &dyn Engine, health: Health, out: &mut Actions) {
+    let (bus, name, meaning) = (device.bus.as_str(), &device.name, engine.meaning());
     match health {
-        Health::Good => None,
-        Health::Warning { code } => Some(format!("warns: code {code}")),
-        Health::Error { code } => Some(format!("reports an error: code {code}")),
+        Health::Warning { code } if !engine.is_active(LidarFault::Dirty) => {
+            let message = format!("lidar {name} warns: {}; it measures", coded(code, meaning));
+            out.raise(Severity::Warning, Fault::LidarWarning, bus, message);
+        }
+        _ => out.clear(Fault::LidarWarning, bus, format!("lidar {name} no longer warns")),
+    }
+    match health {
+        Health::Error { code } if !engine.is_active(LidarFault::Blocked) => {
+            let message = format!("lidar {name} reports an error: {}", coded(code, meaning));
+            out.raise(Severity::Error, Fault::LidarError, bus, message);
+        }
+        _ if engine.is_active(LidarFault::Device) => {}
+        _ => out.clear(Fault::LidarError, bus, format!("lidar {name} no longer reports an error")),
     }
 }
 
@@ -334,14 +357,14 @@ fn report(device: &Device, fault: LidarFault, active: bool, out: &mut Actions) {
 }
 
 /// Why it is lost, in words.
-fn why(reason: LostReason) -> String {
+fn why(reason: LostReason, meaning: &[u8]) -> String {
     match reason {
         LostReason::Silent => "is silent".into(),
         LostReason::Garbled => "sends nothing that is valid: wrong model or rate".into(),
         LostReason::Stalled => "sends nothing new: its motor stands".into(),
         LostReason::Refused { code } => format!("refused a request, code {code}"),
         LostReason::Identity => "is another model than configured".into(),
-        LostReason::Device { code } => format!("reports error {code}, and does not measure"),
+        LostReason::Device { code } => format!("reports an error, {}, and does not measure", coded(code, meaning)),
         LostReason::Closed => "is not connected".into(),
     }
 }

@@ -2,7 +2,7 @@
 
 use super::register::*;
 use super::*;
-use crate::emulated::{Body, digits};
+use crate::emulated::{Body, Faults, digits};
 use base::Instant;
 use base::i2c::{Address, Bytes, Error, Outcome, Read, Transfer};
 
@@ -22,13 +22,16 @@ pub(crate) struct Chip {
     /// Measures from then on; whether it has.
     measures: Instant,
     has_measured: bool,
+    /// It is another chip.
+    stranger: bool,
 }
 
 impl Chip {
     /// A chip that has had its supply for long.
     pub fn new(address: Address) -> Self {
         let registers = [0; REGISTERS];
-        let mut chip = Self { address, registers, awake: None, measures: Instant::NEVER, has_measured: false };
+        let measures = Instant::NEVER;
+        let mut chip = Self { address, registers, awake: None, measures, has_measured: false, stranger: false };
         chip.power_on(Instant::ZERO);
         chip
     }
@@ -47,15 +50,21 @@ impl Chip {
             self.awake = None;
             return;
         }
-        if self.awake.is_none() {
+        // Another chip is put in its place without a supply.
+        let other = core::mem::replace(&mut self.stranger, body.faults.stranger) != body.faults.stranger;
+        if self.awake.is_none() || other {
             self.power_on(now + POWER_ON);
+        } else if body.faults.reset {
+            self.power_on(now);
         }
         if due && self.measures <= now {
             self.has_measured = true;
             let truth = body.measure();
             let [x, y, z, w] = truth.orientation;
-            self.store(ACC_DATA, &truth.acceleration_mps2.map(|value| digits(value, ACCELERATION_MPS2)));
-            self.store(GYR_DATA, &truth.rotation_radps.map(|value| digits(value, ROTATION_RADPS)));
+            let values = |has, values: [f64; 3], digit| values.map(|value| if has { digits(value, digit) } else { 0 });
+            let Faults { without_acceleration, without_rotation, .. } = body.faults;
+            self.store(ACC_DATA, &values(!without_acceleration, truth.acceleration_mps2, ACCELERATION_MPS2));
+            self.store(GYR_DATA, &values(!without_rotation, truth.rotation_radps, ROTATION_RADPS));
             self.store(QUA_DATA, &[w, x, y, z].map(|value| digits(value, QUATERNION)));
             self.registers[usize::from(TEMP)] = (libm::round(truth.temperature_c) as i8).cast_unsigned();
         }
@@ -77,6 +86,9 @@ impl Chip {
 
     pub fn answer(&mut self, now: Instant, transfer: &Transfer, body: &mut Body) -> Outcome {
         self.handle_timeout(now, false, body);
+        if let Some(error) = body.faults.bus {
+            return Err(error);
+        }
         let awake = self.awake.is_some_and(|awake| awake <= now);
         if transfer.address != self.address || body.faults.cut || !awake {
             return Err(Error::NoAddress);
@@ -90,12 +102,13 @@ impl Chip {
         }
         let mut read = Bytes::new();
         let Read::Exactly(count) = transfer.read else { return Ok(read) };
+        let count = if body.faults.halves { count / 2 } else { count };
         for n in 0..count {
             if body.chance(body.faults.noise_ppm) {
                 return Err(Error::Arbitration);
             }
             let value = self.registers.get(usize::from(start.wrapping_add(n))).copied().unwrap_or(0);
-            if read.push(value).is_err() {
+            if read.push(body.faults.received(value)).is_err() {
                 return Err(Error::Other);
             }
         }

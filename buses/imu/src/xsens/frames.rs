@@ -56,6 +56,7 @@ impl Frames {
         match number {
             id::ERROR => {
                 self.error = Some(now);
+                shared.error = data[0];
                 shared.fault(Fault::Device, true);
             }
             id::STATUS => self.oriented = data[3] & 2 != 0,

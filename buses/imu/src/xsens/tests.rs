@@ -1,5 +1,5 @@
 use super::*;
-use crate::bench::{ALL, Bench, ms};
+use crate::bench::{Bench, Cause, ms};
 use crate::event::{Event, Fault, LostReason, Sample, State};
 use crate::{Imu, Model};
 use base::Instant;
@@ -76,15 +76,30 @@ fn frames_of_others_are_left_alone_and_wrong_lengths_are_counted() {
 #[test]
 fn faults_are_reported_within_a_second_and_end_within_two() {
     let mut bench = Bench::new(Model::Xsens);
-    for (name, set) in ALL {
-        bench.suffers(name, set);
-    }
-    bench.suffers("another device", |faults| faults.stranger = true);
-    bench.suffers("error", |faults| faults.error = true);
+    let own: [Cause; 8] = [
+        ("another device", |faults| faults.stranger = true),
+        ("error", |faults| faults.error = true),
+        ("wrong bit rate", |faults| faults.wrong_baud = true),
+        ("half a frame for ever", |faults| faults.half_for_ever = true),
+        ("3 of 100 frames lack a byte", |faults| faults.noise_ppm = 30_000),
+        ("remote frames", |faults| faults.remote = true),
+        ("extended identifiers", |faults| faults.extended = true),
+        ("no rotation", |faults| faults.without_rotation = true),
+    ];
+    bench.suffers_all(&own);
     bench.run();
     bench.device.faults().error = true;
     bench.pass(ms(100));
     assert!(bench.has(Event::Fault { fault: Fault::Device, active: true }));
+}
+
+#[test]
+fn faults_of_a_bit_of_ten_thousand_are_reported_and_one_disturbance_is_not() {
+    let mut bench = Bench::new(Model::Xsens);
+    bench.shrugs_off("xsens");
+    // Four damaged frames a second, if they are passed on.
+    let after = bench.disturbed("xsens", 200, |faults| faults.wrong_bits_ppm = 100);
+    assert!(after[150] <= ms(1000) && after[199] <= ms(8000), "{after:?}");
 }
 
 #[test]

@@ -13,8 +13,12 @@ const MESSAGE_MAX: usize = 16_384;
 const SLOW_MAX: usize = 1000;
 /// Time of the line that it makes up for after it held bytes back, ns.
 const LATE_MAX_NS: u64 = 10_000_000_000;
-/// Interval of a message that is repeated for ever.
+/// Least interval of a message that is repeated for ever.
 const AGAIN_AFTER: Duration = Duration::from_millis(5);
+
+/// Bits of a character that change what a receiver takes it for: the start bit and eight data bits. The byte of a
+/// character whose stop bit is wrong is taken as it is.
+const BITS: u32 = 9;
 
 /// The way from a device to the engine.
 #[derive(Debug)]
@@ -98,6 +102,14 @@ impl Line {
                 continue;
             }
             let mut byte = *byte | faults.stuck_bits;
+            if self.in_million(BITS * faults.wrong_bits_ppm) {
+                // Two of one character are too rare to matter.
+                match self.random() % u64::from(BITS) {
+                    // Without its start bit it is not received.
+                    8 => continue,
+                    bit => byte ^= 1 << bit,
+                }
+            }
             if self.in_million(faults.noise_ppm) {
                 byte ^= 1 << (self.random() % 8);
             }
@@ -119,7 +131,9 @@ impl Line {
 
     /// Bytes that have arrived by `now`; returns their number.
     pub fn poll(&mut self, now: Instant, bytes: &mut [u8], faults: &Faults) -> usize {
-        if (faults.repeats || faults.half_for_ever) && self.again_at <= now && !self.last.is_empty() {
+        let again = (faults.repeats || faults.half_for_ever) && self.again_at <= now;
+        // Not faster than the line carries it.
+        if again && self.bytes.is_empty() && !self.last.is_empty() {
             self.again_at = now + AGAIN_AFTER;
             let last = core::mem::take(&mut self.last);
             let end = if faults.half_for_ever { last.len() / 2 } else { last.len() };
@@ -171,27 +185,36 @@ impl Line {
 mod tests {
     use super::*;
 
-    /// Wrong bytes of 1,000,000 at this noise.
-    fn wrong(noise_ppm: u32) -> usize {
+    /// Bytes that are lost and bytes that are wrong, of 1,000,000.
+    fn suffered(faults: &Faults) -> (usize, usize) {
         let mut line = Line::new(1_000_000);
-        let faults = Faults { noise_ppm, ..Faults::default() };
         let (mut all, mut bytes) = (std::vec::Vec::new(), [0; 1000]);
         for n in 1..=1000 {
-            line.send(&[0; 1000], &faults);
-            let count = line.poll(Instant::from_millis(n), &mut bytes, &faults);
+            line.send(&[0; 1000], faults);
+            let count = line.poll(Instant::from_millis(n), &mut bytes, faults);
             all.extend_from_slice(&bytes[..count]);
         }
-        assert_eq!(all.len(), 1_000_000);
-        all.iter().filter(|byte| **byte != 0).count()
+        (1_000_000 - all.len(), all.iter().filter(|byte| **byte != 0).count())
     }
 
     #[test]
     fn noise_is_as_rare_as_it_is_set() {
+        let wrong = |noise_ppm| {
+            let (lost, wrong) = suffered(&Faults { noise_ppm, ..Faults::default() });
+            assert_eq!(lost, 0);
+            wrong
+        };
         assert_eq!(wrong(0), 0);
         assert_eq!(wrong(1_000_000), 1_000_000);
         for (noise_ppm, expected) in [(100, 70..130), (1000, 900..1100), (30_000, 29_000..31_000)] {
             let count = wrong(noise_ppm);
             assert!(expected.contains(&count), "{noise_ppm}: {count}");
         }
+    }
+
+    #[test]
+    fn a_byte_suffers_by_each_of_its_bits_and_is_lost_without_its_start_bit() {
+        let (lost, wrong) = suffered(&Faults { wrong_bits_ppm: 1000, ..Faults::default() });
+        assert!((900..1100).contains(&lost) && (7700..8300).contains(&wrong), "{lost} {wrong}");
     }
 }

@@ -4,7 +4,7 @@ use super::wire::{BLOCK, LF, Parameters, checked, checksum, decode};
 use super::{Characters, Config};
 use crate::clock::Clock;
 use crate::engine::{Bytes, Optics, Progress, Protocol, Shared};
-use crate::event::{Fault, Health, LostReason, text};
+use crate::event::{Fault, Health, LostReason, Text, text};
 use crate::scan::{BEAMS_MAX, EIGHTH_RAD};
 use alloc::boxed::Box;
 use base::{Duration, Instant};
@@ -71,8 +71,9 @@ pub struct Scip {
     model: Bytes,
     firmware: Bytes,
     serial: Bytes,
-    /// State of the sensor is good.
+    /// State of the sensor is good; else its code, 0 where it has none, and its words.
     works: bool,
+    trouble: (u32, Bytes),
     clock: Clock,
     time: u32,
     /// Ranges of the scan, mm; characters of a range whose rest is in the next line.
@@ -95,6 +96,7 @@ impl Scip {
             firmware: Bytes::new(),
             serial: Bytes::new(),
             works: true,
+            trouble: (0, Bytes::new()),
             clock: Clock::new(1 << 24, 1_000_000),
             time: 0,
             ranges: Box::default(),
@@ -245,7 +247,7 @@ impl Scip {
             (Phase::Scanning { .. }, b"00") => self.place = Place::Lost,
             (Phase::Scanning { .. }, _) => {
                 self.place = Place::Lost;
-                shared.health(Health::Error { code });
+                shared.health_of(Health::Error { code }, status_meaning(status));
                 return Progress::Lost(LostReason::Device { code });
             }
             (Phase::Asking { ask: Ask::Scans, .. }, b"00") => {
@@ -294,6 +296,9 @@ impl Scip {
                         .split(|byte| *byte == b' ')
                         .find(|word| word.len() == 3 && word.iter().all(u8::is_ascii_digit));
                     self.works = state.starts_with(b"Sensor works well") || code.is_some_and(|code| code[0] == b'0');
+                    let digits = code.unwrap_or_default().iter();
+                    let code = digits.fold(0, |code, digit| 10 * code + u32::from(digit - b'0'));
+                    self.trouble = (code, state.iter().copied().take(40).collect());
                 }
             }
             Ask::Laser | Ask::Scans => {}
@@ -319,10 +324,13 @@ impl Scip {
                 self.next(now, Ask::State, shared)
             }
             Ask::State => {
-                shared.health(if self.works { Health::Good } else { Health::Error { code: 0 } });
                 if !self.works {
-                    return Progress::Lost(LostReason::Device { code: 0 });
+                    let (code, words) = &self.trouble;
+                    let words = core::str::from_utf8(words).unwrap_or("?");
+                    shared.health_of(Health::Error { code: *code }, text(format_args!("{words}")));
+                    return Progress::Lost(LostReason::Device { code: *code });
                 }
+                shared.health(Health::Good);
                 self.next(now, Ask::Laser, shared)
             }
             Ask::Laser => self.next(now, Ask::Scans, shared),
@@ -373,6 +381,17 @@ impl Scip {
         }
         self.revolution += 1;
     }
+}
+
+/// What a status other than that of a scan means (C-42-03320B, 8.4, `MD`): its two characters, and what is known.
+fn status_meaning(status: [u8; 2]) -> Text {
+    let known = match &status {
+        [b'2'..=b'4', _] => ": it stopped to check an error",
+        [b'5'..=b'9', _] if status < *b"98" => ": hardware trouble, such as of laser or motor",
+        _ => "",
+    };
+    let [a, b] = status.map(|byte| if byte.is_ascii_graphic() { char::from(byte) } else { '?' });
+    text(format_args!("status {a}{b}{known}"))
 }
 
 /// Data of a line, whose checksum does not leave a semicolon out.

@@ -1,7 +1,7 @@
 use super::emulated::{Device, Model};
 use super::wire::{Parameters, checked, checksum, decode, encode};
 use super::{Characters, Config, Hokuyo, Scip};
-use crate::bench::{Bench, Cause, LINE, Seen, ms};
+use crate::bench::{Bench, Cause, Seen, ms};
 use crate::emulated::Device as _;
 use crate::event::{Health, LostReason, State};
 use crate::scan::{Sector, Status};
@@ -137,12 +137,23 @@ fn twenty_faults_are_reported_within_a_second_and_end_within_two() {
         ("error, and it refuses", |faults| (faults.error, faults.refuses) = (true, true)),
         ("stands, and is another model", |faults| (faults.motor_stopped, faults.stranger) = (true, true)),
     ];
+    let [two, three] = Characters::ALL;
+    for (model, characters) in [(Model::URG_04LX, two), (Model::URG_04LX, three), (Model::UTM_30LX, three)] {
+        std::println!("{}, {characters} characters", model.name);
+        bench(model, characters).suffers_all(&own);
+    }
+}
+
+#[test]
+fn faults_of_a_bit_of_ten_thousand_are_reported_and_one_disturbance_is_not() {
     for characters in Characters::ALL {
-        std::println!("URG-04LX, {characters} characters");
+        let name = std::format!("URG-04LX, {characters} characters");
         let mut bench = bench(Model::URG_04LX, characters);
-        for (name, set) in LINE.into_iter().chain(own) {
-            bench.suffers(name, set);
-        }
+        bench.shrugs_off(&name);
+        let reports = bench.disturbed(&name, 200, |faults| faults.wrong_bits_ppm = 100);
+        // Of ten scans a second eight are damaged: it is lost most of the time.
+        assert!(reports.within(ms(1000)) == 200 && reports.ends <= 5, "{name}: {reports:?}");
+        bench.disturbed("1 of 10,000 bytes", 50, |faults| faults.noise_ppm = 100);
     }
 }
 

@@ -1,7 +1,7 @@
 use super::emulated::Device;
 use super::wire::{self, LENGTH, Packet};
 use super::{Config, LdLidar, Model, NoEcho};
-use crate::bench::{Bench, Cause, LINE, Seen, ms};
+use crate::bench::{Bench, Cause, Seen, ms};
 use crate::emulated::Device as _;
 use crate::event::{Fault, LostReason, State};
 use crate::scan::Status;
@@ -96,10 +96,6 @@ fn an_absent_device_is_reported_once_and_found_when_it_comes() {
 
 #[test]
 fn twenty_faults_are_reported_within_a_second_and_end_within_two() {
-    let mut bench = bench(Model::Ld06);
-    for (name, set) in LINE {
-        bench.suffers(name, set);
-    }
     let own: [Cause; 5] = [
         ("motor stands", |faults| faults.motor_stopped = true),
         ("motor slow", |faults| faults.motor_slow = true),
@@ -107,9 +103,21 @@ fn twenty_faults_are_reported_within_a_second_and_end_within_two() {
         ("hangs, and the line is noisy", |faults| (faults.hangs, faults.noise_ppm) = (true, 500_000)),
         ("noise, every other byte", |faults| faults.noise_ppm = 500_000),
     ];
-    for (name, set) in own {
-        bench.suffers(name, set);
+    for model in Model::ALL {
+        std::println!("{model}");
+        bench(model).suffers_all(&own);
     }
+}
+
+#[test]
+fn faults_of_a_bit_of_ten_thousand_are_reported_and_one_disturbance_is_not() {
+    for model in Model::ALL {
+        let mut bench = bench(model);
+        bench.shrugs_off(model.name());
+        let reports = bench.disturbed(model.name(), 200, |faults| faults.wrong_bits_ppm = 100);
+        assert_eq!((reports.within(ms(1000)), reports.ends), (200, 0));
+    }
+    bench(Model::Ld19).disturbed("ld19, 1 of 10,000 bytes", 50, |faults| faults.noise_ppm = 100);
 }
 
 #[test]

@@ -220,12 +220,13 @@ impl Requests {
     }
 
     fn healthy(&mut self, now: Instant, status: u8, code: u32, shared: &mut Shared) -> Progress {
-        let health = match status {
-            0 => Health::Good,
-            1 => Health::Warning { code },
-            _ => Health::Error { code },
+        // LR001, GET_HEALTH: what a status means. No document says what a code does.
+        let (health, meaning) = match status {
+            0 => (Health::Good, ""),
+            1 => (Health::Warning { code }, "it may fail soon"),
+            _ => (Health::Error { code }, "it protects itself from damage"),
         };
-        shared.health(health);
+        shared.health_of(health, text(format_args!("{meaning}")));
         if matches!(health, Health::Error { .. }) {
             if !self.was_reset {
                 shared.send(&encode(request::RESET, &[]));

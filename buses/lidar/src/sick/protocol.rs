@@ -254,8 +254,13 @@ impl Cola {
                 // Busy: asked again when the time of the answer is over.
                 Some(0) => return Progress::Pending,
                 Some(code) => {
+                    let meaning = match code {
+                        2 => "state: error",
+                        3 => "state: standby",
+                        _ => "",
+                    };
                     let code = code.into();
-                    shared.health(Health::Error { code });
+                    shared.health_of(Health::Error { code }, text(format_args!("{meaning}")));
                     return Progress::Lost(LostReason::Device { code });
                 }
                 None => {
@@ -271,11 +276,12 @@ impl Cola {
 
     fn contaminated(&mut self, level: u8, shared: &mut Shared) {
         let code = level.into();
-        shared.health(match level {
-            0 => Health::Good,
-            1 => Health::Warning { code },
-            _ => Health::Error { code },
-        });
+        let (health, meaning) = match level {
+            0 => (Health::Good, ""),
+            1 => (Health::Warning { code }, "contamination of the optics"),
+            _ => (Health::Error { code }, "optics too dirty to measure"),
+        };
+        shared.health_of(health, text(format_args!("{meaning}")));
         shared.fault(Fault::Dirty, level == 1);
         shared.fault(Fault::Blocked, level > 1);
     }
@@ -311,7 +317,8 @@ impl Cola {
             }
             shared.fault(Fault::Slow, slow);
         }
-        shared.fault(Fault::Device, scan.status & 0b101 == 0b001);
+        let has_error = scan.status & 0b101 == 0b001;
+        shared.error(has_error.then(|| (scan.status.into(), text(format_args!("device state in its scans: error")))));
         if !self.reads.has(Read::Contamination) || scan.status & 0b110 != 0 {
             shared.fault(Fault::Dirty, scan.status & 0b110 == 0b010);
             shared.fault(Fault::Blocked, scan.status & 0b100 != 0);

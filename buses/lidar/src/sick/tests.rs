@@ -1,7 +1,7 @@
 use super::emulated::Device;
 use super::wire::{self, Dialect, Reader, Scan, Writer};
 use super::{Cola, Config, Family, Sick};
-use crate::bench::{Bench, Cause, LINE, Seen, ms};
+use crate::bench::{Bench, Cause, Seen, ms};
 use crate::emulated::Device as _;
 use crate::event::{Event, Fault, FieldResult, Health, LostReason, State, Zone};
 use crate::scan::{Sector, Status};
@@ -345,12 +345,9 @@ fn twenty_faults_are_reported_within_a_second_and_end_within_two() {
         ("stands, and is another model", |faults| (faults.motor_stopped, faults.stranger) = (true, true)),
         ("nothing reaches it, and it stands", |faults| (faults.deaf, faults.motor_stopped) = (true, true)),
     ];
-    for (family, dialect) in [(Family::Lms1xx, Dialect::Text), (Family::Tim5xx, Dialect::Binary)] {
+    for (family, dialect) in Family::ALL.into_iter().flat_map(|it| [(it, Dialect::Text), (it, Dialect::Binary)]) {
         std::println!("{family} {dialect:?}");
-        let mut bench = bench(family, dialect, true);
-        for (name, set) in LINE.into_iter().chain(own) {
-            bench.suffers(name, set);
-        }
+        bench(family, dialect, true).suffers_all(&own);
     }
 }
 

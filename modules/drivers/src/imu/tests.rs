@@ -269,6 +269,27 @@ fn one_that_is_cut_off_is_reported_within_a_second_and_measures_again_within_two
 }
 
 #[test]
+fn an_error_is_reported_with_its_code_and_what_it_means() {
+    let mut rig = Rig::new(devices());
+    rig.run(3000);
+    rig.log.clear();
+    rig.faults("can").error = true;
+    rig.faults("chip").error = true;
+    rig.run(500);
+    let text = |fault| {
+        let report = |(_, action): &(Instant, Action)| match action {
+            Action::Report(report) if report.fault == fault => Some(report.message.clone()),
+            _ => None,
+        };
+        rig.log.iter().find_map(report).unwrap_or_default()
+    };
+    let error = "imu can: it reports an error, code 1, overflow of its output buffer; nothing goes by it";
+    assert_eq!(text(Fault::ImuError), error);
+    let lost = "imu chip reports an error, code 3, self-test failed, and does not measure: nothing goes by it";
+    assert_eq!(text(Fault::ImuLost), lost);
+}
+
+#[test]
 fn what_is_wrong_with_a_device_is_a_fault_of_its_name_and_its_status() {
     let mut rig = Rig::new(devices());
     rig.run(3000);

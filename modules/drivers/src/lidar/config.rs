@@ -6,7 +6,7 @@ use lidar::ld::{self, LdLidar, NoEcho};
 use lidar::rplidar::{self, Rplidar};
 use lidar::sick::{self, Dialect, Sick};
 use lidar::ydlidar::{self, Ydlidar};
-use lidar::{Counters, Event, FieldResult, Lidar, Protocol, Zone};
+use lidar::{Counters, Event, Fault, FieldResult, Lidar, Protocol, Text, Zone};
 use settings::{Choice, Corners, settings};
 use std::f64::consts::TAU;
 use std::fmt;
@@ -214,6 +214,9 @@ pub(super) trait Engine: fmt::Debug {
     fn poll_timeout(&self) -> Option<base::Instant>;
     fn counters(&self) -> &Counters;
     fn result(&self, zone: Zone) -> FieldResult;
+    fn is_active(&self, fault: Fault) -> bool;
+    fn meaning(&self) -> &Text;
+    fn error(&self) -> Option<(u32, &Text)>;
 }
 
 impl<P: Protocol + fmt::Debug> Engine for Lidar<P> {
@@ -243,6 +246,18 @@ impl<P: Protocol + fmt::Debug> Engine for Lidar<P> {
 
     fn counters(&self) -> &Counters {
         self.counters()
+    }
+
+    fn is_active(&self, fault: Fault) -> bool {
+        self.is_active(fault)
+    }
+
+    fn meaning(&self) -> &Text {
+        self.meaning()
+    }
+
+    fn error(&self) -> Option<(u32, &Text)> {
+        self.error()
     }
 
     fn result(&self, zone: Zone) -> FieldResult {

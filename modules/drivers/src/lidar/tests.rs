@@ -241,6 +241,54 @@ fn what_a_lidar_says_of_itself_is_a_fault_of_its_name() {
     assert!(rig.reports(Fault::LidarBlocked).iter().any(|(_, raised)| !raised));
 }
 
+/// Texts of the reports of a fault since the log was taken last, with their severity.
+fn texts(rig: &Rig, fault: Fault) -> Vec<(Severity, &str)> {
+    let reports = rig.log.iter().filter_map(|(_, action)| match action {
+        Action::Report(report) if report.fault == fault => Some(report),
+        _ => None,
+    });
+    reports.map(|report| (report.severity, report.message.as_str())).collect()
+}
+
+#[test]
+fn an_error_is_reported_with_its_code_and_what_it_means() {
+    let mut rig = Rig::new(devices());
+    rig.run(3000);
+    rig.log.clear();
+    rig.emulated.iter_mut().for_each(|emulated| emulated.faults().error = true);
+    rig.run(1500);
+    let mut told = texts(&rig, Fault::LidarError);
+    told.sort_unstable();
+    let expected = [
+        "lidar hokuyo reports an error: code 12592, status 10",
+        "lidar rplidar reports an error: code 32770, it protects itself from damage",
+        "lidar sick reports an error: code 1, device state in its scans: error",
+    ];
+    assert_eq!(told, expected.map(|text| (Severity::Error, text)));
+    rig.log.clear();
+    rig.emulated.iter_mut().for_each(|emulated| emulated.faults().error = false);
+    rig.run(2000);
+    let ended = texts(&rig, Fault::LidarError);
+    assert!(ended.len() == 3 && ended.iter().all(|(severity, _)| *severity == Severity::Notice), "{ended:?}");
+}
+
+#[test]
+fn a_lidar_that_warns_is_a_warning_until_it_does_not_and_dirty_optics_are_that_alone() {
+    let mut rig = Rig::new(devices());
+    rig.emulated.iter_mut().for_each(|emulated| emulated.faults().dirty = true);
+    rig.run(3000);
+    let expected = "lidar rplidar warns: code 1, it may fail soon; it measures";
+    assert_eq!(texts(&rig, Fault::LidarWarning), [(Severity::Warning, expected)]);
+    assert_eq!(texts(&rig, Fault::LidarDirty).len(), 1);
+    rig.log.clear();
+    // Its health is read at a start.
+    rig.emulated.iter_mut().for_each(|emulated| (emulated.faults().dirty, emulated.faults().unpowered) = (false, true));
+    rig.run(1000);
+    rig.emulated.iter_mut().for_each(|emulated| emulated.faults().unpowered = false);
+    rig.run(2000);
+    assert_eq!(texts(&rig, Fault::LidarWarning), [(Severity::Notice, "lidar rplidar no longer warns")]);
+}
+
 /// An LDROBOT whose range of 0 is to mean that nothing was received.
 fn nothing_is_free() -> Rig {
     let (mut device, emulated) = devices().swap_remove(0);
