@@ -2,8 +2,8 @@
 //!
 //! A [`Probe`] asks for identity and state in one protocol, and changes nothing in the device: it starts no scan, no
 //! motor and no measurement, and logs in nowhere. An LDROBOT is not asked at all, since it sends by itself. One
-//! exception: an RPLIDAR or YDLIDAR that scans answers nothing else, so if bytes arrive instead of an answer its scan is
-//! stopped before it is asked once more.
+//! exception: an RPLIDAR or YDLIDAR that scans answers nothing else, so if bytes arrive instead of an answer its scan
+//! is stopped before it is asked once more.
 //!
 //! | protocol | asked for |
 //! |---|---|
