@@ -77,6 +77,7 @@ export const FAULTS: ReadonlyMap<number, { name: string; means: string; remedy: 
   [0x0736, { name: "LidarDisturbed", means: "The line of a lidar is disturbed.", remedy: "Check plugs and shield of the lidar's line." }],
   [0x0737, { name: "LidarError", means: "A lidar reports an error of its own.", remedy: "Look up the code in the lidar's manual." }],
   [0x0738, { name: "LidarNoResult", means: "A lidar that measures gives no valid result of a field or an output that stops the robot: the robot stands.", remedy: "Check that the configured field or output exists in the lidar, and is enabled there." }],
+  [0x0739, { name: "LidarWarning", means: "A lidar warns that it may fail; it still measures.", remedy: "Look up the code in the lidar's manual, before the lidar fails." }],
   [0x0741, { name: "ImuLost", means: "An inertial measurement unit does not measure: nothing goes by it.", remedy: "Check power and cable of the unit." }],
   [0x0742, { name: "ImuDisturbed", means: "The line of an inertial measurement unit is disturbed.", remedy: "Check plugs and shield of the unit's line." }],
   [0x0743, { name: "ImuImplausible", means: "An inertial measurement unit measures what no robot does, or turns at standstill: nothing goes by it.", remedy: "Check how the unit is mounted, and its axes in `[imu]` of robot.toml." }],
