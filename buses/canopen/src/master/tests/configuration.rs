@@ -217,7 +217,7 @@ fn rpdos_beyond_the_pre_defined_ones_are_switched_off_too() {
     let eighth = [(2, 7), (1, 7), (2, 7)];
     let asked = |config: &NodeConfig, records: &[(u16, u32)]| {
         let mut bus = one(MasterConfig::default(), config.clone(), with_rpdos(records));
-        bus.run_to(100, is_booted(1));
+        bus.run_to(1000, is_booted(1));
         let frames = bus.sent.iter().filter(|(_, frame)| frame.id() == base::can::Id::Standard(0x601));
         let asked: Vec<_> = frames.map(|(_, frame)| (frame.data()[0] >> 5, frame.data()[1], frame.data()[2])).collect();
         let rpdos = asked.iter().filter(|(_, _, high)| *high == 0x14).map(|(kind, low, _)| (*kind, *low));
