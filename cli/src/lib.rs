@@ -364,8 +364,8 @@ impl Common {
         }
     }
 
-    /// The robot that runs in the run folder of this command, with its own arguments; also one whose configuration is not
-    /// that of this command.
+    /// The robot that runs in the run folder of this command, with its own arguments; also one whose configuration is
+    /// not that of this command.
     fn running(&self) -> Option<RobotLocation> {
         let ours = std::fs::canonicalize(self.run_dir()).ok()?;
         let is_ours = |place: &RobotLocation| std::fs::canonicalize(&place.run_dir).is_ok_and(|theirs| theirs == ours);

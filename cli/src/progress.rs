@@ -91,8 +91,8 @@ impl Drop for Progress {
     }
 }
 
-/// A line beside a measurement that takes a known time: a thread of its own renews it each second, so that the measuring
-/// one does not wait for a terminal. It is erased when this is dropped.
+/// A line beside a measurement that takes a known time: a thread of its own renews it each second, so that the one that
+/// measures does not wait for a terminal. It is erased when this is dropped.
 pub struct Beside(Option<(Sender<()>, JoinHandle<()>)>);
 
 impl Beside {

@@ -11,8 +11,8 @@ use robot::picture::{self, Part};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Requested part of a run; `told` of the share that is read. A damaged file is read up to the damage, which the picture
-/// mentions.
+/// Requested part of a run; `told` of the share that is read. A damaged file is read up to the damage, which the
+/// picture mentions.
 pub fn read(run: &Path, part: Part, told: &mut dyn FnMut(f64)) -> Result<Picture, Failed> {
     let files = replay::files(run, None)?;
     // First the beginning, then the content: no file is held longer than it is read.
@@ -66,7 +66,8 @@ fn beginnings(files: &[PathBuf]) -> Result<(Option<Header>, Option<Begin>), Fail
     Ok((known, begin))
 }
 
-/// What a module published and printed, where that is `wanted` by its time and its place in the file. All modules have one clock, which does not step: `epoch` tells its moments.
+/// What a module published and printed, where that is `wanted` by its time and its place in the file. All modules have
+/// one clock, which does not step: `epoch` tells its moments.
 fn take(
     bytes: &[u8],
     epoch: Epoch,

@@ -153,7 +153,7 @@ impl Plan {
     }
 
     /// Switches off all RPDOs that are not mapped: each of the first ones and of those that the data sheet lists, which
-    /// may have gaps, and what follows the first ones up to the first that is missing. An RPDO that is missing costs one
+    /// may have gaps, and what follows the first ones up to the first that is missing. One that is missing costs one
     /// answer.
     fn close(&mut self, node: &NodeConfig) {
         let is_used = |record: &u16| node.mappings.iter().any(|pdo| pdo.record == *record);
