@@ -162,7 +162,7 @@ impl Bench {
         after
     }
 
-    /// One disturbance of the line, such as by a plug that makes contact, is none.
+    /// A single disturbance of the line, such as a plug making contact, does not count.
     pub fn shrugs_off(&mut self, name: &str) {
         for trial in 0..20 {
             self.run();

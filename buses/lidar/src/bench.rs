@@ -215,7 +215,7 @@ impl<P: Protocol, D: Device> Bench<P, D> {
         self.engine.state() == State::Running && !Fault::ALL.iter().any(|fault| self.engine.is_active(*fault))
     }
 
-    /// One disturbance of the line, such as by a plug that makes contact, is none.
+    /// A single disturbance of the line, such as a plug making contact, does not count.
     pub fn shrugs_off(&mut self, name: &str) {
         for trial in 0..20 {
             self.run();

@@ -27,7 +27,7 @@ pub mod command {
 
 /// Types of answers.
 pub mod answer {
-    /// To commands that read or set a value, told apart by their lengths.
+    /// To commands that read or set a value; they differ in length.
     pub const VALUE: u8 = 0x04;
     /// To [`GET_HEALTH`](super::command::GET_HEALTH).
     pub const HEALTH: u8 = 0x06;
@@ -77,7 +77,7 @@ pub fn radians(q6: f64) -> f64 {
 pub struct Packet {
     /// First sample of a revolution; usually the only one of its packet.
     pub starts: bool,
-    /// Of a packet that starts a revolution: revolutions per second, Hz in 1/10; 0: not told.
+    /// Of a packet that starts a revolution: revolutions per second, Hz in 1/10; 0: unknown.
     pub speed: u8,
     /// Angle of the first sample, 1/64°.
     pub first_q6: u16,
@@ -98,7 +98,7 @@ fn sum(bytes: &[u8]) -> u16 {
 }
 
 impl Packet {
-    /// True if these bytes may begin a packet of at most so many samples.
+    /// True if these bytes may begin a packet of at most `samples_max` samples.
     #[must_use]
     pub fn may_begin(bytes: &[u8], samples_max: usize) -> bool {
         let is_checked = |at: usize| bytes.get(at).is_none_or(|byte| byte & 1 == 1);
