@@ -24,7 +24,7 @@ enum Step<'a> {
 }
 
 fn set(faults: &mut Faults, number: u8, on: bool) {
-    match number % 8 {
+    match number % 24 {
         0 => faults.unpowered = on,
         1 => faults.cut = on,
         2 => faults.noise_ppm = if on { 30_000 } else { 0 },
@@ -32,7 +32,23 @@ fn set(faults: &mut Faults, number: u8, on: bool) {
         4 => faults.uncalibrated = on,
         5 => faults.error = on,
         6 => faults.stranger = on,
-        _ => faults.acceleration_excess = if on { 30.0 } else { 0.0 },
+        7 => faults.acceleration_excess = if on { 30.0 } else { 0.0 },
+        8 => faults.wrong_bits_ppm = if on { 3000 } else { 0 },
+        9 => faults.lost_per_mille = if on { 30 } else { 0 },
+        10 => faults.added_per_mille = if on { 30 } else { 0 },
+        11 => faults.stuck_bits = u8::from(on),
+        12 => faults.constant = on.then_some(number),
+        13 => faults.wrong_baud = on,
+        14 => faults.halves = on,
+        15 => faults.half_for_ever = on,
+        16 => faults.bus = on.then_some(Error::Stuck),
+        17 => faults.reset = on,
+        18 => faults.remote = on,
+        19 => faults.extended = on,
+        20 => faults.without_acceleration = on,
+        21 => faults.without_rotation = on,
+        22 => faults.saturated_acceleration = on,
+        _ => faults.saturated_rotation = on,
     }
 }
 

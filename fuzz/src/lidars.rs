@@ -43,7 +43,7 @@ pub enum Step<'a> {
 
 fn set(faults: &mut Faults, number: u8, on: bool) {
     let per_mille = if on { 30 } else { 0 };
-    match number % 20 {
+    match number % 24 {
         0 => faults.unpowered = on,
         1 => faults.cut = on,
         2 => faults.mute = on,
@@ -63,7 +63,11 @@ fn set(faults: &mut Faults, number: u8, on: bool) {
         16 => faults.motor_slow = on,
         17 => faults.error = on,
         18 => faults.refuses = on,
-        _ => faults.stranger = on,
+        19 => faults.stranger = on,
+        20 => faults.wrong_bits_ppm = 100 * u32::from(per_mille),
+        21 => faults.halves = on,
+        22 => faults.dirty = on,
+        _ => faults.blocked = on,
     }
 }
 
