@@ -14,7 +14,6 @@
 mod capsule;
 pub mod emulated;
 mod protocol;
-pub(crate) mod receiver;
 #[cfg(test)]
 mod tests;
 pub mod wire;

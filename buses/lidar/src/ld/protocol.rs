@@ -6,6 +6,7 @@ use crate::builder::{Builder, Sample, Step};
 use crate::clock::Clock;
 use crate::engine::{Optics, Progress, Protocol, Shared};
 use crate::event::{Fault, LostReason};
+use crate::framing::Framing;
 use base::{Duration, Instant};
 use core::f64::consts::TAU;
 use heapless::Vec;
@@ -26,13 +27,16 @@ const RANGE_M: (f32, f32) = (0.02, 12.0);
 pub struct Packets {
     config: Config,
     rx: Vec<u8, LENGTH>,
-    /// The last byte belonged to a packet.
-    in_step: bool,
-    skipped: usize,
+    framing: Framing,
     clock: Clock,
     builder: Builder,
     /// When the first packet must have arrived.
     first_by: Option<Instant>,
+}
+
+/// True if this is the begin of a packet, as far as it goes.
+fn may_begin(rx: &[u8]) -> bool {
+    rx[0] == HEADER && rx.get(1).is_none_or(|byte| *byte == TYPE_AND_COUNT)
 }
 
 impl Packets {
@@ -40,28 +44,11 @@ impl Packets {
         Self {
             config,
             rx: Vec::new(),
-            in_step: false,
-            skipped: 0,
+            framing: Framing::default(),
             clock: Clock::new(u64::from(CLOCK_MODULUS_MS), 1_000_000),
             builder: Builder::new(true),
             first_by: None,
         }
-    }
-
-    /// Removes the first byte and what after it cannot begin a packet. Counts one packet for each that is damaged, and
-    /// one for each length of bytes that belong to none.
-    fn skip(&mut self, shared: &mut Shared) {
-        let begins = |rest: &[u8]| rest[0] == HEADER && rest.get(1).is_none_or(|byte| *byte == TYPE_AND_COUNT);
-        let from = (1..self.rx.len()).find(|from| begins(&self.rx[*from..])).unwrap_or(self.rx.len());
-        if self.in_step || self.skipped >= LENGTH {
-            shared.reject();
-            self.skipped = 0;
-        }
-        self.in_step = false;
-        self.skipped += from;
-        let left = self.rx.len() - from;
-        self.rx.copy_within(from.., 0);
-        self.rx.truncate(left);
     }
 
     fn take(&mut self, now: Instant, packet: &Packet, shared: &mut Shared) {
@@ -101,7 +88,7 @@ impl Packets {
 impl Protocol for Packets {
     fn start(&mut self, now: Instant, _: &mut Shared) {
         self.rx.clear();
-        (self.in_step, self.skipped) = (false, 0);
+        self.framing.reset();
         self.clock.reset();
         self.builder.reset();
         self.first_by = Some(now + FIRST_WITHIN);
@@ -111,19 +98,17 @@ impl Protocol for Packets {
         for byte in bytes {
             // There is room: a full buffer is emptied below.
             let _ = self.rx.push(*byte);
-            loop {
-                match self.rx[..] {
-                    [HEADER] | [HEADER, TYPE_AND_COUNT, ..] if self.rx.len() < LENGTH => break,
-                    [] => break,
-                    _ => {}
+            while !self.rx.is_empty() {
+                if may_begin(&self.rx) && self.rx.len() < LENGTH {
+                    break;
                 }
                 let packet = <&[u8; LENGTH]>::try_from(&self.rx[..]).ok().and_then(Packet::decode);
                 if let Some(packet) = packet {
                     self.rx.clear();
-                    (self.in_step, self.skipped) = (true, 0);
+                    self.framing.found();
                     self.take(now, &packet, shared);
                 } else {
-                    self.skip(shared);
+                    self.framing.skip(&mut self.rx, LENGTH, may_begin, shared);
                 }
             }
         }

@@ -1,24 +1,19 @@
 //! The start-up of an RPLIDAR, and its data to sectors.
 
 use super::capsule::{self, Capsule};
-use super::receiver::Receiver;
 use super::wire::{Descriptor, Info, Node, answer, conf, encode, get_conf, request};
 use super::{Config, Mode, Motor};
 use crate::builder::{Builder, Sample, Step};
-use crate::engine::{Optics, Progress, Protocol, Shared};
+use crate::dialog::{Dialog, Received};
+use crate::engine::{Bytes, Optics, Progress, Protocol, Shared};
 use crate::event::{Fault, Health, LostReason, text};
+use crate::framing::Framing;
 use crate::scan::wrap;
 use base::{Duration, Instant};
 use core::f64::consts::TAU;
 
-/// Time after a stop in which what was under way arrives.
-const STOPPING: Duration = Duration::from_millis(30);
-/// Time limit of an answer.
-const ANSWER_WITHIN: Duration = Duration::from_millis(120);
 /// Time limit of the first data after a scan was asked for; they come while the motor spins up.
 const DATA_WITHIN: Duration = Duration::from_millis(1000);
-/// Attempts of a request.
-const TRIES: u8 = 3;
 /// Speed of the motor, Hz: the widest range of the data sheets.
 const RATE_HZ: core::ops::RangeInclusive<f64> = 4.5..=16.0;
 /// A capsule or sample that is farther from the last than at this speed is not believed, Hz.
@@ -42,41 +37,20 @@ enum Ask {
     Scan { mode: u16 },
 }
 
-#[derive(Debug)]
-enum Phase {
-    Off,
-    /// What arrives belongs to the scan before.
-    Stopping {
-        until: Instant,
-    },
-    Asking {
-        ask: Ask,
-        tries: u8,
-        until: Instant,
-    },
-    /// The first data are due by `until`; later ones by the rules of the engine.
-    Scanning {
-        until: Option<Instant>,
-    },
-}
-
 /// The protocol of RPLIDARs.
 #[derive(Debug)]
 pub struct Requests {
     config: Config,
-    phase: Phase,
+    dialog: Dialog<Ask>,
     /// A device that reported an error was reset.
     was_reset: bool,
-    receiver: Receiver,
     /// The device answers requests for its configuration.
     has_conf: bool,
     /// Time of a sample, s.
     period_s: f64,
     capsule: Capsule,
     last: Option<Last>,
-    in_step: bool,
-    /// Bytes since the last valid sample or capsule.
-    skipped: usize,
+    framing: Framing,
     node: NodeState,
     builder: Builder,
 }
@@ -107,23 +81,20 @@ impl Requests {
     pub(super) fn new(config: Config) -> Self {
         Self {
             config,
-            phase: Phase::Off,
+            dialog: Dialog::new(Ask::Info),
             was_reset: false,
-            receiver: Receiver::default(),
             has_conf: false,
             period_s: 0.0,
             capsule: Capsule::new(),
             last: None,
-            in_step: false,
-            skipped: 0,
+            framing: Framing::default(),
             node: NodeState::default(),
             builder: Builder::new(true),
         }
     }
 
-    fn ask(&mut self, now: Instant, ask: Ask, tries: u8, shared: &mut Shared) {
-        self.receiver.clear();
-        let request = match ask {
+    fn request(&self, ask: Ask) -> Bytes {
+        match ask {
             Ask::Info => encode(request::GET_INFO, &[]),
             Ask::Health => encode(request::GET_HEALTH, &[]),
             Ask::Rate => encode(request::GET_SAMPLERATE, &[]),
@@ -133,14 +104,11 @@ impl Requests {
             Ask::Scan { .. } if self.config.mode == Mode::Standard => encode(request::SCAN, &[]),
             // Modes are below 16.
             Ask::Scan { mode } => encode(request::EXPRESS_SCAN, &[mode as u8, 0, 0, 0, 0]),
-        };
-        shared.send(&request);
-        self.phase = Phase::Asking { ask, tries, until: now + ANSWER_WITHIN };
+        }
     }
 
-    fn next(&mut self, now: Instant, ask: Ask, shared: &mut Shared) -> Progress {
-        self.ask(now, ask, TRIES, shared);
-        Progress::Pending
+    fn ask(&mut self, now: Instant, ask: Ask, shared: &mut Shared) -> Progress {
+        self.dialog.ask(now, ask, self.request(ask), shared)
     }
 
     fn kind(&self) -> u8 {
@@ -152,35 +120,41 @@ impl Requests {
         }
     }
 
-    fn answered(&mut self, now: Instant, ask: Ask, descriptor: Descriptor, shared: &mut Shared) -> Progress {
-        let answer = self.receiver.take();
+    fn answered(
+        &mut self,
+        now: Instant,
+        ask: Ask,
+        descriptor: Descriptor,
+        answer: &[u8],
+        shared: &mut Shared,
+    ) -> Progress {
         let entry = |entry: u32| answer.strip_prefix(&entry.to_le_bytes());
         shared.accept();
         match (ask, descriptor.kind) {
             (Ask::Info, answer::INFO) => {
-                let Some(info) = Info::decode(&answer) else { return self.unfit(shared) };
+                let Some(info) = Info::decode(answer) else { return self.unfit(shared) };
                 self.identified(now, &info, shared)
             }
-            (Ask::Health, answer::HEALTH) => match answer[..] {
+            (Ask::Health, answer::HEALTH) => match *answer {
                 [status, low, high] => self.healthy(now, status, u16::from_le_bytes([low, high]).into(), shared),
                 _ => self.unfit(shared),
             },
             (Ask::Rate, answer::SAMPLERATE) => {
-                let [a, b, c, d] = answer[..] else { return self.unfit(shared) };
+                let [a, b, c, d] = *answer else { return self.unfit(shared) };
                 let [single, express] = [[a, b], [c, d]].map(u16::from_le_bytes);
                 let period = if self.config.mode == Mode::Standard { single } else { express };
                 self.timed(now, f64::from(period), 0, shared)
             }
             (Ask::Typical, answer::CONF) => match entry(conf::TYPICAL_MODE) {
                 Some([low, high, ..]) if *high == 0 && *low < 16 => {
-                    self.next(now, Ask::Kind { mode: u16::from(*low) }, shared)
+                    self.ask(now, Ask::Kind { mode: u16::from(*low) }, shared)
                 }
                 _ => self.unfit(shared),
             },
             (Ask::Kind { mode }, answer::CONF) => match entry(conf::ANSWER_TYPE) {
-                Some([kind, ..]) if *kind == self.kind() => self.next(now, Ask::Period { mode }, shared),
+                Some([kind, ..]) if *kind == self.kind() => self.ask(now, Ask::Period { mode }, shared),
                 // The recommended mode has other data: the others are tried in turn.
-                Some([_, ..]) if mode > 0 => self.next(now, Ask::Kind { mode: mode - 1 }, shared),
+                Some([_, ..]) if mode > 0 => self.ask(now, Ask::Kind { mode: mode - 1 }, shared),
                 Some([kind, ..]) => Progress::Lost(LostReason::Refused { code: u32::from(*kind) }),
                 _ => self.unfit(shared),
             },
@@ -191,10 +165,7 @@ impl Requests {
                 }
                 _ => self.unfit(shared),
             },
-            (Ask::Scan { .. }, kind) if kind == self.kind() && descriptor.many => {
-                self.phase = Phase::Scanning { until: Some(now + DATA_WITHIN) };
-                Progress::Pending
-            }
+            (Ask::Scan { .. }, kind) if kind == self.kind() && descriptor.many => self.dialog.scan(now + DATA_WITHIN),
             _ => self.unfit(shared),
         }
     }
@@ -216,7 +187,7 @@ impl Requests {
             return Progress::Lost(LostReason::Identity);
         }
         self.has_conf = info.has_conf();
-        self.next(now, Ask::Health, shared)
+        self.ask(now, Ask::Health, shared)
     }
 
     fn healthy(&mut self, now: Instant, status: u8, code: u32, shared: &mut Shared) -> Progress {
@@ -246,7 +217,7 @@ impl Requests {
             _ if self.has_conf => Ask::Typical,
             _ => Ask::Rate,
         };
-        self.next(now, ask, shared)
+        self.ask(now, ask, shared)
     }
 
     fn timed(&mut self, now: Instant, us: f64, mode: u16, shared: &mut Shared) -> Progress {
@@ -254,49 +225,32 @@ impl Requests {
             return self.unfit(shared);
         }
         self.period_s = us * 1e-6;
-        self.next(now, Ask::Scan { mode }, shared)
+        self.ask(now, Ask::Scan { mode }, shared)
     }
 
     fn take_data(&mut self, now: Instant, byte: u8, shared: &mut Shared) {
         let length = capsule::shape(self.config.mode).map_or(Node::LENGTH, |(length, _)| length);
+        let may_begin = match self.config.mode {
+            Mode::Standard => Node::may_begin,
+            _ => capsule::may_begin,
+        };
         // There is room: a whole capsule is taken below.
         let _ = self.capsule.push(byte);
-        loop {
-            let may_begin = match self.config.mode {
-                Mode::Standard => Node::may_begin(&self.capsule),
-                _ => capsule::may_begin(&self.capsule),
-            };
+        while !self.capsule.is_empty() {
             let is_whole = self.capsule.len() == length;
-            if may_begin && !is_whole {
+            if may_begin(&self.capsule) && !is_whole {
                 return;
             }
-            let is_valid = is_whole && self.take_whole(now, shared);
-            if is_valid {
+            if is_whole && self.take_whole(now, shared) {
                 self.capsule.clear();
-                (self.in_step, self.skipped) = (true, 0);
-                self.phase = Phase::Scanning { until: None };
+                self.framing.found();
+                self.dialog.scanned();
                 return;
             }
-            self.skip(length, shared);
-            if self.capsule.is_empty() {
-                return;
-            }
+            self.node = NodeState { per_turn: self.node.per_turn, ..NodeState::default() };
+            self.last = None;
+            self.framing.skip(&mut self.capsule, length, may_begin, shared);
         }
-    }
-
-    /// Removes the first byte, and counts what is lost: once when the step is lost, and once for each length after it.
-    fn skip(&mut self, length: usize, shared: &mut Shared) {
-        if self.in_step || self.skipped >= length {
-            shared.reject();
-            self.skipped = 0;
-        }
-        self.in_step = false;
-        self.skipped += 1;
-        self.node = NodeState { per_turn: self.node.per_turn, ..NodeState::default() };
-        self.last = None;
-        let left = self.capsule.len() - 1;
-        self.capsule.copy_within(1.., 0);
-        self.capsule.truncate(left);
     }
 
     /// Takes a whole sample or capsule; false if it is not valid.
@@ -424,26 +378,24 @@ impl Requests {
 
 impl Protocol for Requests {
     fn start(&mut self, now: Instant, shared: &mut Shared) {
-        self.receiver.clear();
         self.capsule.clear();
-        (self.last, self.in_step, self.skipped) = (None, false, 0);
+        self.last = None;
+        self.framing.reset();
         self.node = NodeState::default();
         self.builder.reset();
-        shared.send(&encode(request::STOP, &[]));
-        self.phase = Phase::Stopping { until: now + STOPPING };
+        let request = self.request(Ask::Info);
+        self.dialog.start(now, &encode(request::STOP, &[]), Ask::Info, request, shared);
     }
 
     fn handle_rx(&mut self, now: Instant, bytes: &[u8], shared: &mut Shared) -> Progress {
         for byte in bytes {
-            match self.phase {
-                Phase::Off | Phase::Stopping { .. } => {}
-                Phase::Scanning { .. } => self.take_data(now, *byte, shared),
-                Phase::Asking { ask, .. } => {
-                    if let Some(descriptor) = self.receiver.receive(*byte, shared) {
-                        let progress = self.answered(now, ask, descriptor, shared);
-                        if progress != Progress::Pending {
-                            return progress;
-                        }
+            match self.dialog.receive(*byte, shared) {
+                Received::Nothing => {}
+                Received::Data => self.take_data(now, *byte, shared),
+                Received::Answer { ask, descriptor, bytes } => {
+                    let progress = self.answered(now, ask, descriptor, &bytes, shared);
+                    if progress != Progress::Pending {
+                        return progress;
                     }
                 }
             }
@@ -452,30 +404,11 @@ impl Protocol for Requests {
     }
 
     fn handle_timeout(&mut self, now: Instant, shared: &mut Shared) -> Progress {
-        match self.phase {
-            Phase::Stopping { until } if until <= now => self.next(now, Ask::Info, shared),
-            Phase::Asking { tries: 1, until, .. } if until <= now => {
-                self.phase = Phase::Off;
-                Progress::Lost(LostReason::Silent)
-            }
-            Phase::Asking { ask, tries, until } if until <= now => {
-                self.ask(now, ask, tries - 1, shared);
-                Progress::Pending
-            }
-            Phase::Scanning { until: Some(until) } if until <= now => {
-                self.phase = Phase::Off;
-                Progress::Lost(LostReason::Silent)
-            }
-            _ => Progress::Pending,
-        }
+        self.dialog.handle_timeout(now, shared)
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        match self.phase {
-            Phase::Off => None,
-            Phase::Stopping { until } | Phase::Asking { until, .. } => Some(until),
-            Phase::Scanning { until } => until,
-        }
+        self.dialog.poll_timeout()
     }
 
     fn optics(&self) -> Optics {

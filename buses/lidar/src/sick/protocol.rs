@@ -9,6 +9,7 @@ use super::{Config, Family};
 use crate::clock::Clock;
 use crate::engine::{Optics, Progress, Protocol, Shared};
 use crate::event::{Fault, FieldResult, Health, LostReason, Zone, text};
+use crate::framing::Framing;
 use crate::scan::{BEAMS_MAX, EIGHTH_RAD};
 use alloc::boxed::Box;
 use base::{Duration, Instant, earliest};
@@ -83,8 +84,7 @@ pub struct Cola {
     phase: Phase,
     /// Always there, except while its bytes are handled: it is allocated once.
     rx: Option<Rx>,
-    in_step: bool,
-    skipped: usize,
+    framing: Framing,
     clock: Clock,
     /// Number and clock of the last scan, µs.
     last: Option<(u16, u32)>,
@@ -103,8 +103,7 @@ impl Cola {
             config,
             phase: Phase::Off,
             rx: Some(Rx::default()),
-            in_step: false,
-            skipped: 0,
+            framing: Framing::default(),
             clock: Clock::new(1 << 32, 1000),
             last: None,
             scans: false,
@@ -411,9 +410,9 @@ impl Cola {
             loop {
                 match self.frame(rx) {
                     Frame::More => break,
-                    Frame::Wrong => self.skip(rx, shared),
+                    Frame::Wrong => self.framing.skip(rx, SKIPPED, |rest| rest[0] == STX, shared),
                     Frame::Whole(begin, end) => {
-                        (self.in_step, self.skipped) = (true, 0);
+                        self.framing.found();
                         shared.arrived_valid();
                         let progress = self.take(now, &rx[begin..end], shared);
                         rx.clear();
@@ -425,20 +424,6 @@ impl Cola {
             }
         }
         Progress::Pending
-    }
-
-    /// Removes bytes until the next possible begin of a frame.
-    fn skip(&mut self, rx: &mut Rx, shared: &mut Shared) {
-        if self.in_step || self.skipped >= SKIPPED {
-            shared.reject();
-            self.skipped = 0;
-        }
-        self.in_step = false;
-        let from = 1 + rx[1..].iter().position(|byte| *byte == STX).unwrap_or(rx.len() - 1);
-        self.skipped += from;
-        let left = rx.len() - from;
-        rx.copy_within(from.., 0);
-        rx.truncate(left);
     }
 }
 
@@ -457,7 +442,8 @@ enum Frame {
 impl Protocol for Cola {
     fn start(&mut self, now: Instant, shared: &mut Shared) {
         self.rx.get_or_insert_default().clear();
-        (self.in_step, self.skipped, self.last, self.reads) = (false, 0, None, Reads::default());
+        self.framing.reset();
+        (self.last, self.reads) = (None, Reads::default());
         self.clock.reset();
         self.scans = false;
         self.fields.forget(shared);

@@ -5,23 +5,18 @@ use super::wire::{
 };
 use super::{Config, Model, serial};
 use crate::builder::{Builder, Sample, Step};
-use crate::engine::{Optics, Progress, Protocol, Shared};
+use crate::dialog::{Dialog, Received};
+use crate::engine::{Bytes, Optics, Progress, Protocol, Shared};
 use crate::event::{Fault, Health, LostReason, text};
-use crate::rplidar::receiver::Receiver;
+use crate::framing::Framing;
 use crate::rplidar::wire::{Descriptor, Info, encode};
 use base::{Duration, Instant};
 use core::f64::consts::TAU;
 use core::ops::RangeInclusive;
 use heapless::Vec;
 
-/// Time after a stop in which what was under way arrives.
-const STOPPING: Duration = Duration::from_millis(30);
-/// Time limit of an answer.
-const ANSWER_WITHIN: Duration = Duration::from_millis(120);
 /// Time limit of the first packet after a scan was asked for: the motor spins up.
 const DATA_WITHIN: Duration = Duration::from_millis(3000);
-/// Attempts of a command.
-const TRIES: u8 = 3;
 /// Speed of the motor, Hz: 5 Hz to 12 Hz (*Dataset*), and a tenth for the angles of one packet.
 const RATE_HZ: RangeInclusive<f64> = 4.5..=13.2;
 /// A packet whose samples are farther apart than at this speed is not believed, Hz.
@@ -39,38 +34,29 @@ enum Ask {
     Scan,
 }
 
-#[derive(Debug)]
-enum Phase {
-    Off,
-    /// What arrives belongs to the scan before.
-    Stopping {
-        until: Instant,
-    },
-    Asking {
-        ask: Ask,
-        tries: u8,
-        until: Instant,
-    },
-    /// The first packet is due by `until`; later ones by the rules of the engine.
-    Scanning {
-        until: Option<Instant>,
-    },
+impl Ask {
+    fn command(self) -> Bytes {
+        let command = match self {
+            Self::Info => command::GET_INFO,
+            Self::Health => command::GET_HEALTH,
+            Self::Rate => command::GET_RATE,
+            Self::Scan => command::SCAN,
+        };
+        encode(command, &[])
+    }
 }
 
 /// The protocol of YDLIDARs.
 #[derive(Debug)]
 pub struct Commands {
     config: Config,
-    phase: Phase,
+    dialog: Dialog<Ask>,
     /// A device that reported an error was restarted.
     was_restarted: bool,
-    receiver: Receiver,
     samples_per_s: u32,
     range_min_m: f32,
     rx: Vec<u8, LENGTH_MAX>,
-    /// The last byte belonged to a packet.
-    in_step: bool,
-    skipped: usize,
+    framing: Framing,
     /// Angles of the first and the last sample of the last packet, 1/64°.
     ends: Option<(u16, u16)>,
     /// From one sample to the next, rad, by the last packet that was long enough.
@@ -84,14 +70,12 @@ impl Commands {
     pub(super) fn new(config: Config) -> Self {
         Self {
             config,
-            phase: Phase::Off,
+            dialog: Dialog::new(Ask::Info),
             was_restarted: false,
-            receiver: Receiver::default(),
             samples_per_s: config.model.samples_per_s(),
             range_min_m: config.model.range_m().0,
             rx: Vec::new(),
-            in_step: false,
-            skipped: 0,
+            framing: Framing::default(),
             ends: None,
             step_rad: None,
             said_hz: None,
@@ -99,27 +83,20 @@ impl Commands {
         }
     }
 
-    fn ask(&mut self, now: Instant, ask: Ask, tries: u8, shared: &mut Shared) {
-        self.receiver.clear();
-        let command = match ask {
-            Ask::Info => command::GET_INFO,
-            Ask::Health => command::GET_HEALTH,
-            Ask::Rate => command::GET_RATE,
-            Ask::Scan => command::SCAN,
-        };
-        shared.send(&encode(command, &[]));
-        self.phase = Phase::Asking { ask, tries, until: now + ANSWER_WITHIN };
+    fn ask(&mut self, now: Instant, ask: Ask, shared: &mut Shared) -> Progress {
+        self.dialog.ask(now, ask, ask.command(), shared)
     }
 
-    fn next(&mut self, now: Instant, ask: Ask, shared: &mut Shared) -> Progress {
-        self.ask(now, ask, TRIES, shared);
-        Progress::Pending
-    }
-
-    fn answered(&mut self, now: Instant, ask: Ask, descriptor: Descriptor, shared: &mut Shared) -> Progress {
-        let answer = self.receiver.take();
+    fn answered(
+        &mut self,
+        now: Instant,
+        ask: Ask,
+        descriptor: Descriptor,
+        answer: &[u8],
+        shared: &mut Shared,
+    ) -> Progress {
         shared.accept();
-        match (ask, descriptor.kind, &answer[..]) {
+        match (ask, descriptor.kind, answer) {
             (Ask::Info, answer::VALUE, bytes) => match Info::decode(bytes) {
                 Some(info) => self.identified(now, &info, shared),
                 None => self.unfit(shared),
@@ -133,12 +110,9 @@ impl Commands {
                 };
                 (self.samples_per_s, self.range_min_m) = (*samples_per_s, *range_min_m);
                 shared.optics = self.optics();
-                self.next(now, Ask::Scan, shared)
+                self.ask(now, Ask::Scan, shared)
             }
-            (Ask::Scan, answer::PACKETS, _) if descriptor.many => {
-                self.phase = Phase::Scanning { until: Some(now + DATA_WITHIN) };
-                Progress::Pending
-            }
+            (Ask::Scan, answer::PACKETS, _) if descriptor.many => self.dialog.scan(now + DATA_WITHIN),
             _ => self.unfit(shared),
         }
     }
@@ -161,7 +135,7 @@ impl Commands {
         if !self.config.model.may_have(info.model) {
             return Progress::Lost(LostReason::Identity);
         }
-        self.next(now, Ask::Health, shared)
+        self.ask(now, Ask::Health, shared)
     }
 
     fn healthy(&mut self, now: Instant, status: u8, code: u32, shared: &mut Shared) -> Progress {
@@ -183,7 +157,7 @@ impl Commands {
             Model::X4 => Ask::Scan,
             Model::G4 => Ask::Rate,
         };
-        self.next(now, ask, shared)
+        self.ask(now, ask, shared)
     }
 
     fn take_data(&mut self, now: Instant, byte: u8, shared: &mut Shared) {
@@ -199,29 +173,16 @@ impl Commands {
             match Packet::decode(&self.rx).filter(|_| may_begin) {
                 Some(packet) => {
                     self.rx.clear();
-                    (self.in_step, self.skipped) = (true, 0);
-                    self.phase = Phase::Scanning { until: None };
+                    self.framing.found();
+                    self.dialog.scanned();
                     self.take(now, &packet, shared);
                 }
-                None => self.skip(samples_max, shared),
+                None => {
+                    let may_begin = |rest: &[u8]| Packet::may_begin(rest, samples_max);
+                    self.framing.skip(&mut self.rx, LENGTH_MAX, may_begin, shared);
+                }
             }
         }
-    }
-
-    /// Removes the first byte and what after it cannot begin a packet. Counts one packet for each that is damaged, and
-    /// one for each length of bytes that belong to none.
-    fn skip(&mut self, samples_max: usize, shared: &mut Shared) {
-        let begins = |from: &usize| Packet::may_begin(&self.rx[*from..], samples_max);
-        let from = (1..self.rx.len()).find(begins).unwrap_or(self.rx.len());
-        if self.in_step || self.skipped >= LENGTH_MAX {
-            shared.reject();
-            self.skipped = 0;
-        }
-        self.in_step = false;
-        self.skipped += from;
-        let left = self.rx.len() - from;
-        self.rx.copy_within(from.., 0);
-        self.rx.truncate(left);
     }
 
     fn take(&mut self, now: Instant, packet: &Packet, shared: &mut Shared) {
@@ -291,26 +252,22 @@ impl Commands {
 
 impl Protocol for Commands {
     fn start(&mut self, now: Instant, shared: &mut Shared) {
-        self.receiver.clear();
         self.rx.clear();
-        (self.in_step, self.skipped) = (false, 0);
+        self.framing.reset();
         (self.ends, self.step_rad, self.said_hz) = (None, None, None);
         self.builder.reset();
-        shared.send(&encode(command::STOP, &[]));
-        self.phase = Phase::Stopping { until: now + STOPPING };
+        self.dialog.start(now, &encode(command::STOP, &[]), Ask::Info, Ask::Info.command(), shared);
     }
 
     fn handle_rx(&mut self, now: Instant, bytes: &[u8], shared: &mut Shared) -> Progress {
         for byte in bytes {
-            match self.phase {
-                Phase::Off | Phase::Stopping { .. } => {}
-                Phase::Scanning { .. } => self.take_data(now, *byte, shared),
-                Phase::Asking { ask, .. } => {
-                    if let Some(descriptor) = self.receiver.receive(*byte, shared) {
-                        let progress = self.answered(now, ask, descriptor, shared);
-                        if progress != Progress::Pending {
-                            return progress;
-                        }
+            match self.dialog.receive(*byte, shared) {
+                Received::Nothing => {}
+                Received::Data => self.take_data(now, *byte, shared),
+                Received::Answer { ask, descriptor, bytes } => {
+                    let progress = self.answered(now, ask, descriptor, &bytes, shared);
+                    if progress != Progress::Pending {
+                        return progress;
                     }
                 }
             }
@@ -319,30 +276,11 @@ impl Protocol for Commands {
     }
 
     fn handle_timeout(&mut self, now: Instant, shared: &mut Shared) -> Progress {
-        match self.phase {
-            Phase::Stopping { until } if until <= now => self.next(now, Ask::Info, shared),
-            Phase::Asking { tries: 1, until, .. } if until <= now => {
-                self.phase = Phase::Off;
-                Progress::Lost(LostReason::Silent)
-            }
-            Phase::Asking { ask, tries, until } if until <= now => {
-                self.ask(now, ask, tries - 1, shared);
-                Progress::Pending
-            }
-            Phase::Scanning { until: Some(until) } if until <= now => {
-                self.phase = Phase::Off;
-                Progress::Lost(LostReason::Silent)
-            }
-            _ => Progress::Pending,
-        }
+        self.dialog.handle_timeout(now, shared)
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        match self.phase {
-            Phase::Off => None,
-            Phase::Stopping { until } | Phase::Asking { until, .. } => Some(until),
-            Phase::Scanning { until } => until,
-        }
+        self.dialog.poll_timeout()
     }
 
     fn optics(&self) -> Optics {

@@ -1,15 +1,15 @@
 //! Answers: a descriptor, and the bytes that it announces.
 
-use super::wire::{DESCRIPTOR, Descriptor, SYNC, SYNC_2};
 use crate::engine::Shared;
+use crate::rplidar::wire::{DESCRIPTOR, Descriptor, SYNC, SYNC_2};
 use heapless::Vec;
 
 /// Longest answer that is taken.
-const ANSWER_MAX: usize = 64;
+pub const ANSWER_MAX: usize = 64;
 
 /// Takes the bytes of an answer.
 #[derive(Debug, Default)]
-pub(crate) struct Receiver {
+pub struct Receiver {
     rx: Vec<u8, ANSWER_MAX>,
     descriptor: Option<Descriptor>,
 }
