@@ -73,17 +73,23 @@ const fn kind(name: &'static str, model: Model, turn_ms: u64) -> Kind {
     Kind { name, model, turn: Duration::from_millis(turn_ms) }
 }
 
-const KINDS: [Kind; 6] = [
+/// An LD06 sends what an LD19 sends, and a UST what a UTM-30LX sends.
+const KINDS: [Kind; 14] = [
     kind("ld19", Model::Ld(ld::Model::Ld19), 100),
-    kind("rplidar-c1", Model::Rplidar(rplidar::Model::C1), 100),
+    kind("stl-19p", Model::Ld(ld::Model::Stl19p), 100),
+    kind("rplidar-a1", Model::Rplidar(rplidar::Model::A1), 100),
+    kind("rplidar-a2", Model::Rplidar(rplidar::Model::A2), 100),
     kind("rplidar-a3", Model::Rplidar(rplidar::Model::A3), 100),
+    kind("rplidar-c1", Model::Rplidar(rplidar::Model::C1), 100),
+    kind("rplidar-s2", Model::Rplidar(rplidar::Model::S2), 100),
+    kind("ydlidar-x4", Model::Ydlidar(ydlidar::Model::X4), 143),
     kind("ydlidar-g4", Model::Ydlidar(ydlidar::Model::G4), 100),
+    kind("sick-lms1xx", Model::Sick(Family::Lms1xx), 40),
+    kind("sick-tim5xx", Model::Sick(Family::Tim5xx), 67),
     kind("sick-tim7xx", Model::Sick(Family::Tim7xx), 67),
     kind("utm-30lx", Model::Hokuyo("UTM-30LX"), 25),
+    kind("urg-04lx", Model::Hokuyo("URG-04LX"), 100),
 ];
-
-/// One whose driver alone is measured.
-const FAST: [Kind; 1] = [kind("rplidar-s2", Model::Rplidar(rplidar::Model::S2), 100)];
 
 impl Kind {
     fn emulated(&self) -> Box<dyn Emulated> {
@@ -92,6 +98,7 @@ impl Kind {
             Model::Rplidar(model) => Box::new(rplidar::emulated::Device::new(model)),
             Model::Ydlidar(model) => Box::new(ydlidar::emulated::Device::new(model)),
             Model::Sick(family) => Box::new(sick::emulated::Device::new(family, Dialect::Binary)),
+            Model::Hokuyo("URG-04LX") => Box::new(hokuyo::emulated::Device::new(hokuyo::emulated::Model::URG_04LX)),
             Model::Hokuyo(_) => Box::new(hokuyo::emulated::Device::new(hokuyo::emulated::Model::UTM_30LX)),
         }
     }
@@ -425,13 +432,12 @@ fn main() {
     let hours = value("--hours").map_or(20.0, |hours| hours.parse().expect("hours"));
     let only = value("--lidar");
     let kinds = || KINDS.iter().filter(|kind| only.as_ref().is_none_or(|only| only == kind.name));
-    let fast = FAST.iter().filter(|kind| only.as_ref().is_none_or(|only| only == kind.name));
     let part = value("--only");
     let wants = |name: &str| part.as_ref().is_none_or(|part| part == name);
     let only = value("--evaluations").map(|only| only.parse::<u32>().expect("a number"));
     let evaluations = || [1, 2].into_iter().filter(|evaluations| only.is_none_or(|only| only == *evaluations));
     if wants("cpu") {
-        kinds().chain(fast).for_each(cpu);
+        kinds().for_each(cpu);
     }
     for kind in kinds().filter(|_| wants("appearances")) {
         for evaluations in evaluations() {

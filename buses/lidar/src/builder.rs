@@ -40,7 +40,7 @@ struct Open {
     front_rad: f64,
 }
 
-/// Collects the samples of a sector, and adds the sector when the next begins.
+/// Collects the samples of a sector, and adds the sector when the next begins, or at a [`Self::flush`].
 ///
 /// The samples of a sector lie on a grid from the first to the last of them, with as many beams as samples. Each sample
 /// is at most half a step off its beam; of two samples of one beam the nearer is kept, and a beam without one is NaN.
@@ -49,13 +49,15 @@ pub(crate) struct Builder {
     clockwise: bool,
     samples: Box<Vec<(f64, Sample), BEAMS_MAX>>,
     open: Option<Open>,
+    /// That of the last sample.
+    step: Option<Step>,
     revolution: u64,
 }
 
 impl Builder {
     /// For a device that turns clockwise, seen from above, or counter-clockwise.
     pub fn new(clockwise: bool) -> Self {
-        Self { clockwise, samples: Box::default(), open: None, revolution: 0 }
+        Self { clockwise, samples: Box::default(), open: None, step: None, revolution: 0 }
     }
 
     /// Discards the samples of the sector that is not complete.
@@ -66,6 +68,7 @@ impl Builder {
 
     /// Adds the sample after the last one.
     pub fn push(&mut self, sample: Sample, step: Step, shared: &mut Shared) {
+        self.step = Some(step);
         let angle = turn(sample.angle_rad);
         let octant = ((angle / EIGHTH_RAD) as u8).min(7);
         let Some(open) = self.open else {
@@ -92,6 +95,17 @@ impl Builder {
             let _ = self.samples.push((within.max(0.0), sample));
         }
         self.open = Some(Open { front_rad: if ahead > 0.0 { angle } else { open.front_rad }, ..open });
+    }
+
+    /// Adds the sector as far as it goes, if it has so many samples: the next one takes a while to arrive.
+    pub fn flush(&mut self, samples_min: usize, shared: &mut Shared) {
+        if let Some(step) = self.step
+            && self.samples.len() >= samples_min
+        {
+            let open = self.open;
+            self.close(step, shared);
+            self.open = open;
+        }
     }
 
     fn begin(&mut self, octant: u8, angle: f64, sample: Sample) {

@@ -54,6 +54,9 @@ const APPROACH_M: f64 = 0.08;
 const INTO_REACH_M: f64 = 0.8;
 /// Age beyond which the timestamp of a sector is taken for that of another clock.
 const AGE_MAX: Duration = Duration::from_millis(300);
+/// Time within which a direction that is seen again is still seen in the same revolution: behind the edge of something
+/// near, a lidar that measures by triangulation sees directions twice. It must be shorter than any revolution.
+const OVERLAP: Duration = Duration::from_millis(10);
 /// Steps in which the outline is looked for, m.
 const OUTLINE_M: f64 = 0.01;
 /// Distances along an unknown direction, from the outline on, m; the last one is the reach.
@@ -80,8 +83,8 @@ struct Hit {
 #[derive(Debug)]
 struct Turn {
     since: Instant,
-    /// The parts of the view that it has seen, without those at the ends of sectors.
-    seen: Vec<bool>,
+    /// When it has seen the parts of the view, those at the ends of sectors left out.
+    seen: Vec<Option<Instant>>,
     hits: Vec<Hit>,
 }
 
@@ -216,7 +219,7 @@ impl Eye {
     fn see(&mut self, now: Instant, at: Instant, scan: &DataScan, trail: &Trail, rules: &Rules) -> Option<f64> {
         let angle = |k: usize| wrap(scan.angle_min + k as f64 * scan.angle_step);
         let slices: Vec<Option<usize>> = (0..scan.ranges.len()).map(|k| slice_of(&self.lidar, angle(k))).collect();
-        self.begin(at, &slices);
+        self.begin(at, scan.beam_time, &slices);
         let robot = trail.pose(at);
         let here = (robot * self.lidar.mount).point();
         let period = self.period()?;
@@ -296,22 +299,25 @@ impl Eye {
     }
 
     /// Begins a new revolution if the middle of the sector was seen in this one; `slices` are those of its beams.
-    fn begin(&mut self, at: Instant, slices: &[Option<usize>]) {
-        let slices: Vec<usize> = slices.iter().flatten().copied().collect();
-        let (Some(first), Some(last)) = (slices.first(), slices.last()) else { return };
-        let middle = slices[slices.len() / 2];
-        if self.turns.back().is_none_or(|turn| turn.seen.get(middle).is_none_or(|seen| *seen)) {
+    fn begin(&mut self, at: Instant, beam_time: f64, slices: &[Option<usize>]) {
+        let beams = slices.iter().enumerate();
+        let beams: Vec<_> = beams.filter_map(|(k, slice)| slice.map(|slice| (k, slice))).collect();
+        let (Some((_, first)), Some((_, last))) = (beams.first(), beams.last()) else { return };
+        let measured = |k: usize| at + Duration::from_secs_f64(k as f64 * beam_time);
+        let (middle_k, middle) = beams[beams.len() / 2];
+        let again = |seen: &Option<Instant>| seen.is_some_and(|seen| measured(middle_k).since(seen) > OVERLAP);
+        if self.turns.back().is_none_or(|turn| turn.seen.get(middle).is_none_or(again)) {
             let oldest = if self.turns.len() == TURNS_MAX { self.turns.pop_front() } else { None };
             let mut hits = oldest.map_or_else(Vec::new, |oldest| oldest.hits);
             hits.clear();
             self.count += 1;
-            let seen = vec![false; self.slices.len()];
+            let seen = vec![None; self.slices.len()];
             self.turns.push_back(Turn { since: at, seen, hits });
         }
         let Some(turn) = self.turns.back_mut() else { return };
-        for slice in slices.iter().filter(|slice| *slice != first && *slice != last) {
+        for (k, slice) in beams.iter().filter(|(_, slice)| slice != first && slice != last) {
             if let Some(seen) = turn.seen.get_mut(*slice) {
-                *seen = true;
+                *seen = Some(measured(*k));
             }
         }
     }

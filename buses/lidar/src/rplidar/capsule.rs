@@ -1,7 +1,7 @@
 //! Capsules: blocks of samples with a checksum.
 //!
 //! A capsule has the angle of its first sample; that of the others follows from the next capsule. So a capsule is
-//! decoded when the next one has arrived, but for a dense one whose motor turns steadily ([`ahead`]).
+//! decoded when the next one has arrived, but for an express or dense one whose motor turns steadily ([`ahead`]).
 
 use super::Mode;
 use core::f64::consts::TAU;
@@ -109,10 +109,10 @@ pub fn decode(mode: Mode, bytes: &[u8], next: &[u8]) -> Vec<Sample, SAMPLES_MAX>
     samples(mode, bytes, next, advance_q6(bytes, next))
 }
 
-/// Samples of a valid dense capsule before the next one arrives, if the motor turns on as from the one before to this
-/// one, 1/64°. Those of other modes need the next one's ranges, too.
-pub fn ahead(bytes: &[u8], advance_q6: u32) -> Vec<Sample, SAMPLES_MAX> {
-    samples(Mode::Dense, bytes, bytes, advance_q6)
+/// Samples of a valid express or dense capsule before the next one arrives, if the motor turns on as from the one before
+/// to this one, 1/64°. Those of an ultra capsule need the next one's ranges, too.
+pub fn ahead(mode: Mode, bytes: &[u8], advance_q6: u32) -> Vec<Sample, SAMPLES_MAX> {
+    samples(mode, bytes, bytes, advance_q6)
 }
 
 fn samples(mode: Mode, bytes: &[u8], next: &[u8], advance_q6: u32) -> Vec<Sample, SAMPLES_MAX> {

@@ -23,6 +23,8 @@ const TURN_WITHIN_S: f64 = 0.35;
 /// The motor turns steadily while the angles of two capsules in succession differ by at most one part in this many:
 /// 0.29° of the 28.8° of a C1 at 10 Hz, less than the 0.72° between two samples.
 const STEADY: u32 = 100;
+/// What a capsule of this duration or a longer one completes does not wait for the next one, s.
+const PROMPT_S: f64 = 0.004;
 /// Samples in order after which single samples are believed.
 const SETTLED: u16 = 16;
 
@@ -312,9 +314,9 @@ impl Requests {
         }
         new.advance_q6 = Some(advance_q6);
         let is_steady = |before: u32| before.abs_diff(advance_q6) * STEADY <= advance_q6;
-        if self.config.mode == Mode::Dense && last.advance_q6.is_some_and(is_steady) {
+        if self.config.mode != Mode::Ultra && last.advance_q6.is_some_and(is_steady) {
             new.is_taken = true;
-            let samples = capsule::ahead(&new.capsule, advance_q6);
+            let samples = capsule::ahead(self.config.mode, &new.capsule, advance_q6);
             self.take_samples(new, &samples, step, shared);
         }
     }
@@ -399,6 +401,9 @@ impl Protocol for Requests {
                     }
                 }
             }
+        }
+        if capsule::shape(self.config.mode).is_some_and(|(_, count)| count as f64 * self.period_s >= PROMPT_S) {
+            self.builder.flush(1, shared);
         }
         Progress::Pending
     }

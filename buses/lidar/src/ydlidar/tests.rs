@@ -139,13 +139,16 @@ fn every_model_starts_and_measures_its_surroundings() {
         bench.pass(ms(1000));
         let revolution = bench.sectors[9].revolution;
         let sectors: Vec<&Sector> = bench.sectors.iter().filter(|it| it.revolution == revolution).collect();
-        assert!((8..=10).contains(&sectors.len()), "{model}: {}", sectors.len());
+        // One for each eighth, and one more for each packet, which is not waited for.
+        let most = if model == Model::X4 { 28 } else { 33 };
+        assert!((8..=most).contains(&sectors.len()), "{model}: {}", sectors.len());
         let (mut worst, mut missing, mut count) = (0.0_f32, 0, 0);
         for sector in &sectors {
             assert_eq!(sector.status, Status::Ok, "{model}");
             assert!(sector.angle_step_rad < 0.0, "clockwise");
             let period = sector.beam_time_s * f64::from(model.samples_per_s());
-            assert!((period - 1.0).abs() < 0.05, "{model}: {period}");
+            // The angles of few samples differ more: each is corrected for its range.
+            assert!((period - 1.0).abs() < 0.05 + 0.5 / sector.ranges_m.len() as f64, "{model}: {period}");
             for (k, range) in sector.ranges_m.iter().enumerate() {
                 count += 1;
                 // The nearest difference to any direction within one step: the grid, and the quantum of the scene.
@@ -420,10 +423,10 @@ fn a_damaged_packet_is_not_measured_and_the_next_one_is() {
         }
         stream.extend_from_slice(&bytes);
     }
-    for byte in stream {
-        bench.engine.handle_rx(bench.now, &[byte]);
+    for bytes in stream.chunks(80) {
+        bytes.iter().for_each(|byte| bench.engine.handle_rx(bench.now, &[*byte]));
+        bench.step();
     }
-    bench.step();
     let after = bench.engine.counters();
     assert_eq!(after.messages - before.messages, 26);
     assert!((4..=6).contains(&(after.rejected - before.rejected)), "{after:?}");
@@ -441,7 +444,7 @@ fn too_near_is_not_free_and_not_anywhere() {
         bench.engine.handle_rx(bench.now, &packet.encode());
         bench.step();
     }
-    assert!((8..=20).contains(&bench.sectors.len()), "{}", bench.sectors.len());
+    assert!((8..=45).contains(&bench.sectors.len()), "{}", bench.sectors.len());
     assert!(bench.sectors.iter().all(|sector| sector.ranges_m.iter().all(|range| *range == f32::NEG_INFINITY)));
 }
 

@@ -25,6 +25,8 @@ struct Bench<'a> {
     numbers: fn(turn: i64, sector: usize) -> i64,
     range_max: f32,
     status: i8,
+    /// Beams at the end of each sector that are measured once more, as a sector of their own.
+    again: usize,
     things: Vec<Round<'a>>,
     spoils: Spoils<'a>,
 }
@@ -54,6 +56,7 @@ impl<'a> Bench<'a> {
             numbers: |turn, _| turn,
             range_max: 12.0,
             status: DataScan::OK,
+            again: 0,
             things: Vec::new(),
             spoils: Box::new(|_| ()),
         }
@@ -95,6 +98,13 @@ impl<'a> Bench<'a> {
             };
             let now = self.now();
             news |= self.scans.on_scan(now, now.since(begun), &scan, &self.trail).is_some();
+            if self.again > 0 {
+                let from = per_sector - self.again;
+                let angle_min = scan.angle_min + from as f64 * scan.angle_step;
+                let scan = DataScan { angle_min, ranges: scan.ranges[from..].to_vec(), ..scan };
+                let age = Duration::from_micros(self.again as u64 * beam_us);
+                news |= self.scans.on_scan(now, age, &scan, &self.trail).is_some();
+            }
         }
         self.turn += 1;
         news
@@ -315,6 +325,22 @@ fn a_leg_that_walks_counts_in_the_second_revolution_even_if_its_edges_are_not_me
             assert!(!bench.found().0.is_empty(), "{ahead} m ahead, {walks:?}, {phase}");
         }
     }
+}
+
+#[test]
+fn directions_that_are_measured_twice_begin_no_revolution() {
+    let thing = leg(1.5, 0.1);
+    let mut bench = Bench::new(rules(), &lidar(0.3, 0.0));
+    // 10 degrees, as behind something near that a lidar sees by triangulation.
+    bench.again = 10;
+    bench.revolve_times(4);
+    assert_eq!(bench.scans.eyes[0].count, 4);
+    bench.things.push(&thing);
+    bench.revolve();
+    assert_eq!(bench.found().0, [], "twice, but in one revolution");
+    bench.revolve();
+    assert!(!bench.found().0.is_empty());
+    assert_eq!(bench.scans.eyes[0].count, 6);
 }
 
 #[test]
