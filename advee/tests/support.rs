@@ -48,8 +48,8 @@ pub fn python() -> Option<PathBuf> {
     testing::peer_or_skip(PYTHON.get_or_init(|| testing::python(&PACKAGES)).clone())
 }
 
-/// Share of this machine, returned when the last clone is dropped. Each test in real time holds one: at most as many as
-/// there are cores, however many threads run tests, and with `ADVEE_TURNS` however many test programs run at a time.
+/// Share of this machine, returned when the last clone is dropped. Each test in real time holds one: at most
+/// [`shares_of_machine`], however many threads run tests, and with `ADVEE_TURNS` however many test programs do.
 pub struct Turn {
     shares: usize,
     _locks: Vec<Flock<File>>,
@@ -71,7 +71,14 @@ thread_local! {
     static OWN: RefCell<Weak<Turn>> = const { RefCell::new(Weak::new()) };
 }
 
-/// Share of one core, as held by every [`Robot`].
+/// Shares of this machine: three for two processors. A robot that runs needs a part of a processor only, and one that
+/// starts a whole one.
+fn shares_of_machine() -> usize {
+    let processors = std::thread::available_parallelism().map_or(1, usize::from);
+    processors + processors / 2
+}
+
+/// One share, as held by every [`Robot`].
 pub fn turn() -> Arc<Turn> {
     take(1)
 }
@@ -85,10 +92,10 @@ fn take(shares: usize) -> Arc<Turn> {
     if let Some(own) = OWN.with_borrow(Weak::upgrade) {
         return own;
     }
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let shares = shares.min(cores);
+    let all_shares = shares_of_machine();
+    let shares = shares.min(all_shares);
     let mut turns = TURNS.lock().unwrap_or_else(PoisonError::into_inner);
-    let all = turns.get_or_insert(Turns { free: cores, next: 0, served: 0 });
+    let all = turns.get_or_insert(Turns { free: all_shares, next: 0, served: 0 });
     let number = all.next;
     all.next += 1;
     let waits =
@@ -100,25 +107,25 @@ fn take(shares: usize) -> Arc<Turn> {
     }
     RETURNED.notify_all();
     drop(turns);
-    let turn = Arc::new(Turn { shares, _locks: locks(shares, cores) });
+    let turn = Arc::new(Turn { shares, _locks: locks(shares, all_shares) });
     OWN.set(Arc::downgrade(&turn));
     turn
 }
 
 /// Shares against other test programs: a locked file each in the folder `ADVEE_TURNS`, which `tools/run-tests` sets.
-fn locks(shares: usize, cores: usize) -> Vec<Flock<File>> {
+fn locks(shares: usize, all: usize) -> Vec<Flock<File>> {
     let Some(folder) = std::env::var_os("ADVEE_TURNS").map(PathBuf::from) else { return Vec::new() };
     let lock = |number: usize, how| {
         let path = folder.join(number.to_string());
         let file = OpenOptions::new().create(true).truncate(false).write(true).open(path);
         Flock::lock(file.expect("the folder ADVEE_TURNS is writable"), how).ok()
     };
-    if shares == cores {
+    if shares == all {
         // In this order everywhere, so that two tests that need the whole machine do not block each other.
-        return (0..cores).map(|number| lock(number, FlockArg::LockExclusive).expect("a file is locked")).collect();
+        return (0..all).map(|number| lock(number, FlockArg::LockExclusive).expect("a file is locked")).collect();
     }
     loop {
-        if let Some(own) = (0..cores).find_map(|number| lock(number, FlockArg::LockExclusiveNonblock)) {
+        if let Some(own) = (0..all).find_map(|number| lock(number, FlockArg::LockExclusiveNonblock)) {
             return vec![own];
         }
         std::thread::sleep(Duration::from_millis(20));
