@@ -1,11 +1,17 @@
 //! Sectors from single samples, for devices that send them without a grid.
 
 use crate::engine::Shared;
-use crate::scan::{BEAMS_MAX, EIGHTH_RAD, turn, wrap};
+use crate::scan::{BEAMS_MAX, turn, wrap};
 use alloc::boxed::Box;
 use base::Instant;
+use core::f64::consts::TAU;
 use heapless::Vec;
 
+/// Sectors of a revolution.
+pub(crate) const EIGHTHS: u8 = 8;
+/// The same, of a device that sends the samples of 4 ms to 8 ms at once: a sector is complete with the first sample of the
+/// next one, and so up to that time later.
+pub(crate) const SIXTEENTHS: u8 = 16;
 /// A jump of the angle over more steps than this ends a sector: samples between were lost.
 const GAP_STEPS: f64 = 3.5;
 /// Samples behind the sector by at most this many steps are put to its begin; others are left out.
@@ -35,29 +41,38 @@ pub(crate) struct Step {
 
 #[derive(Clone, Copy, Debug)]
 struct Open {
-    octant: u8,
+    /// Number of the sector in its revolution.
+    place: u8,
     /// Farthest angle so far, rad.
     front_rad: f64,
 }
 
-/// Collects the samples of a sector, and adds the sector when the next begins, or at a [`Self::flush`].
+/// Collects the samples of a sector, and adds the sector when the next begins.
 ///
 /// The samples of a sector lie on a grid from the first to the last of them, with as many beams as samples. Each sample
 /// is at most half a step off its beam; of two samples of one beam the nearer is kept, and a beam without one is NaN.
 #[derive(Debug)]
 pub(crate) struct Builder {
     clockwise: bool,
+    /// Sectors of a revolution, and the angle of one, rad.
+    sectors: u8,
+    sector_rad: f64,
     samples: Box<Vec<(f64, Sample), BEAMS_MAX>>,
     open: Option<Open>,
-    /// That of the last sample.
-    step: Option<Step>,
     revolution: u64,
 }
 
 impl Builder {
-    /// For a device that turns clockwise, seen from above, or counter-clockwise.
-    pub fn new(clockwise: bool) -> Self {
-        Self { clockwise, samples: Box::default(), open: None, step: None, revolution: 0 }
+    /// For a device that turns clockwise, seen from above, or counter-clockwise, with [`EIGHTHS`] or [`SIXTEENTHS`].
+    pub fn new(clockwise: bool, sectors: u8) -> Self {
+        Self {
+            clockwise,
+            sectors,
+            sector_rad: TAU / f64::from(sectors),
+            samples: Box::default(),
+            open: None,
+            revolution: 0,
+        }
     }
 
     /// Discards the samples of the sector that is not complete.
@@ -68,28 +83,29 @@ impl Builder {
 
     /// Adds the sample after the last one.
     pub fn push(&mut self, sample: Sample, step: Step, shared: &mut Shared) {
-        self.step = Some(step);
         let angle = turn(sample.angle_rad);
-        let octant = ((angle / EIGHTH_RAD) as u8).min(7);
+        let place = ((angle / self.sector_rad) as u8).min(self.sectors - 1);
         let Some(open) = self.open else {
-            return self.begin(octant, angle, sample);
+            return self.begin(place, angle, sample);
         };
         let ahead = wrap(angle - open.front_rad);
         let jumped = ahead > GAP_STEPS * step.angle_rad || ahead < -2.0 * GAP_STEPS * step.angle_rad;
-        let next = ahead > 0.0 && octant != open.octant;
-        if next && octant < open.octant {
+        let next = ahead > 0.0 && place != open.place;
+        if next && place < open.place {
             self.revolution += 1;
         }
-        if self.samples.is_full() && wrap(open.front_rad - f64::from(open.octant) * EIGHTH_RAD) < step.angle_rad * 4.0 {
+        if self.samples.is_full()
+            && wrap(open.front_rad - f64::from(open.place) * self.sector_rad) < step.angle_rad * 4.0
+        {
             // The motor stands.
             self.reset();
             return shared.stale();
         }
         if jumped || next || self.samples.is_full() {
             self.close(step, shared);
-            return self.begin(octant, angle, sample);
+            return self.begin(place, angle, sample);
         }
-        let within = wrap(angle - f64::from(open.octant) * EIGHTH_RAD);
+        let within = wrap(angle - f64::from(open.place) * self.sector_rad);
         if within >= -BEHIND_STEPS * step.angle_rad {
             // There is room: checked above.
             let _ = self.samples.push((within.max(0.0), sample));
@@ -97,21 +113,10 @@ impl Builder {
         self.open = Some(Open { front_rad: if ahead > 0.0 { angle } else { open.front_rad }, ..open });
     }
 
-    /// Adds the sector as far as it goes, if it has so many samples: the next one takes a while to arrive.
-    pub fn flush(&mut self, samples_min: usize, shared: &mut Shared) {
-        if let Some(step) = self.step
-            && self.samples.len() >= samples_min
-        {
-            let open = self.open;
-            self.close(step, shared);
-            self.open = open;
-        }
-    }
-
-    fn begin(&mut self, octant: u8, angle: f64, sample: Sample) {
+    fn begin(&mut self, place: u8, angle: f64, sample: Sample) {
         self.samples.clear();
-        let _ = self.samples.push((angle - f64::from(octant) * EIGHTH_RAD, sample));
-        self.open = Some(Open { octant, front_rad: angle });
+        let _ = self.samples.push((angle - f64::from(place) * self.sector_rad, sample));
+        self.open = Some(Open { place, front_rad: angle });
     }
 
     /// Adds the sector.
@@ -125,7 +130,7 @@ impl Builder {
         let grid = last > first;
         let step = if grid { (last - first) / steps as f64 } else { nominal.angle_rad };
         let beams = if grid { steps + 1 } else { 1 };
-        let angle = f64::from(open.octant) * EIGHTH_RAD + first;
+        let angle = f64::from(open.place) * self.sector_rad + first;
         let (samples, clockwise) = (&self.samples, self.clockwise);
         shared.sector(self.revolution, |sector| {
             sector.at = began;

@@ -83,7 +83,7 @@ struct Hit {
 #[derive(Debug)]
 struct Turn {
     since: Instant,
-    /// When it has seen the parts of the view, those at the ends of sectors left out.
+    /// When it has seen the parts of the view first, those at the ends of sectors left out.
     seen: Vec<Option<Instant>>,
     hits: Vec<Hit>,
 }
@@ -317,7 +317,7 @@ impl Eye {
         let Some(turn) = self.turns.back_mut() else { return };
         for (k, slice) in beams.iter().filter(|(_, slice)| slice != first && slice != last) {
             if let Some(seen) = turn.seen.get_mut(*slice) {
-                *seen = Some(measured(*k));
+                seen.get_or_insert(measured(*k));
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use super::Config;
 use super::wire::{BAUD, CLOCK_MODULUS_MS, HEADER, LENGTH, Packet, SAMPLES, TYPE_AND_COUNT};
-use crate::builder::{Builder, Sample, Step};
+use crate::builder::{Builder, EIGHTHS, Sample, Step};
 use crate::clock::Clock;
 use crate::engine::{Optics, Progress, Protocol, Shared};
 use crate::event::{Fault, LostReason};
@@ -46,7 +46,7 @@ impl Packets {
             rx: Vec::new(),
             framing: Framing::default(),
             clock: Clock::new(u64::from(CLOCK_MODULUS_MS), 1_000_000),
-            builder: Builder::new(true),
+            builder: Builder::new(true, EIGHTHS),
             first_by: None,
         }
     }

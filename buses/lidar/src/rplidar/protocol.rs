@@ -2,8 +2,8 @@
 
 use super::capsule::{self, Capsule};
 use super::wire::{Descriptor, Info, Node, answer, conf, encode, get_conf, request};
-use super::{Config, Mode, Motor};
-use crate::builder::{Builder, Sample, Step};
+use super::{Config, Mode, Model, Motor};
+use crate::builder::{Builder, EIGHTHS, SIXTEENTHS, Sample, Step};
 use crate::dialog::{Dialog, Received};
 use crate::engine::{Bytes, Optics, Progress, Protocol, Shared};
 use crate::event::{Fault, Health, LostReason, text};
@@ -23,8 +23,6 @@ const TURN_WITHIN_S: f64 = 0.35;
 /// The motor turns steadily while the angles of two capsules in succession differ by at most one part in this many:
 /// 0.29° of the 28.8° of a C1 at 10 Hz, less than the 0.72° between two samples.
 const STEADY: u32 = 100;
-/// What a capsule of this duration or a longer one completes does not wait for the next one, s.
-const PROMPT_S: f64 = 0.004;
 /// Samples in order after which single samples are believed.
 const SETTLED: u16 = 16;
 
@@ -79,6 +77,11 @@ struct NodeState {
     is_whole: bool,
 }
 
+/// Sectors of a revolution: an S2 sends a capsule each 1.25 ms, and single samples come one by one.
+fn sectors(config: Config) -> u8 {
+    if config.model == Model::S2 || config.mode == Mode::Standard { EIGHTHS } else { SIXTEENTHS }
+}
+
 impl Requests {
     pub(super) fn new(config: Config) -> Self {
         Self {
@@ -91,7 +94,7 @@ impl Requests {
             last: None,
             framing: Framing::default(),
             node: NodeState::default(),
-            builder: Builder::new(true),
+            builder: Builder::new(true, sectors(config)),
         }
     }
 
@@ -401,9 +404,6 @@ impl Protocol for Requests {
                     }
                 }
             }
-        }
-        if capsule::shape(self.config.mode).is_some_and(|(_, count)| count as f64 * self.period_s >= PROMPT_S) {
-            self.builder.flush(1, shared);
         }
         Progress::Pending
     }

@@ -4,7 +4,7 @@ use super::wire::{
     self, LENGTH_MAX, Packet, RATES, TURN_Q6, ahead_q6, answer, command, correction_rad, far_rad, radians,
 };
 use super::{Config, Model, serial};
-use crate::builder::{Builder, Sample, Step};
+use crate::builder::{Builder, SIXTEENTHS, Sample, Step};
 use crate::dialog::{Dialog, Received};
 use crate::engine::{Bytes, Optics, Progress, Protocol, Shared};
 use crate::event::{Fault, Health, LostReason, text};
@@ -79,7 +79,7 @@ impl Commands {
             ends: None,
             step_rad: None,
             said_hz: None,
-            builder: Builder::new(true),
+            builder: Builder::new(true, SIXTEENTHS),
         }
     }
 
@@ -272,8 +272,6 @@ impl Protocol for Commands {
                 }
             }
         }
-        // The next packet arrives 4 ms to 8 ms later.
-        self.builder.flush(JUDGED, shared);
         Progress::Pending
     }
 
