@@ -182,6 +182,8 @@ pub struct Obstacles {
     /// Cells where a floor ranger saw no floor. They do not expire: an edge stays.
     edges: VecDeque<(i32, i32)>,
     people: People,
+    /// What the last narrow sectors of lidars met at their end.
+    open: Vec<scan::Open>,
     /// Cones of the current round; a reused buffer.
     cones: Vec<Cone>,
     round: Vec<Reading>,
@@ -198,6 +200,7 @@ impl Default for Obstacles {
             echoes: Vec::new(),
             edges: VecDeque::new(),
             people: People::default(),
+            open: Vec::new(),
             cones: Vec::with_capacity(SONARS_MAX),
             round: Vec::with_capacity(SONARS_MAX),
             arc: Vec::new(),

@@ -3,7 +3,7 @@
 
 use super::{CELL_M, FREE_WEIGHT_NEAR, Obstacles, PATCH_M, PATCHES_PER_SIDE, middle, place, slot};
 use crate::people::Reading;
-use base::Instant;
+use base::{Duration, Instant};
 use messages::lowlevel::DataScan;
 use navitools::{Point, Pose, wrap};
 
@@ -17,6 +17,15 @@ const PERSON_PASSED_M: f64 = 0.35;
 const GAP_M: f64 = 0.12;
 /// Widths of a leg, or of two side by side, m.
 const LEG_WIDTH_M: std::ops::RangeInclusive<f64> = 0.03..=0.5;
+/// A sector narrower than this is joined with the next one, rad: in its part of 22.5°, say, a wall within 1.3 m would be
+/// as narrow as a leg.
+const NARROW_RAD: f64 = 0.5;
+/// Time within which a sector continues another one: more than the next one takes.
+const CONTINUES_WITHIN: Duration = Duration::from_millis(50);
+/// Angle from the last beam of a sector to the first one of a sector that continues it, in steps.
+const CONTINUES_STEPS: std::ops::Range<f64> = 0.0..3.0;
+/// Lidars whose sectors are joined.
+const OPEN_MAX: usize = 8;
 /// Distance to either side of a person's middle in which all beams pass somebody who is not there, m.
 const PERSON_SIDE_M: f64 = 0.2;
 /// Probability that somebody returns an echo: a lidar hardly misses a leg.
@@ -46,6 +55,16 @@ impl Sector<'_> {
 
     fn point(&self, (cos, sin): (f64, f64), distance: f64) -> Point {
         Point { x: self.lidar.x + distance * cos, y: self.lidar.y + distance * sin }
+    }
+
+    /// Angle of all beams, rad.
+    fn span(&self) -> f64 {
+        self.scan.ranges.len() as f64 * self.scan.angle_step.abs()
+    }
+
+    /// Direction of the last beam, rad.
+    fn end(&self) -> f64 {
+        self.scan.angle_min + self.scan.ranges.len().saturating_sub(1) as f64 * self.scan.angle_step
     }
 
     /// The beam that is nearest to a point, and the point's distance, m; `None` if none is.
@@ -94,7 +113,8 @@ impl Obstacles {
         });
         let mut readings = std::mem::take(&mut self.round);
         readings.clear();
-        let mut thing: Option<Thing> = None;
+        let open = self.open.iter().position(|open| open.lidar == scan.name).map(|place| self.open.swap_remove(place));
+        let mut thing: Option<Thing> = open.filter(|open| open.continues(&sector)).map(|open| open.thing);
         let mut last = None;
         for beam in 0..scan.ranges.len() {
             let (direction, range) = (sector.direction(beam), f64::from(scan.ranges[beam]));
@@ -115,11 +135,17 @@ impl Obstacles {
                 Some(thing) if thing.to.distance(point) <= GAP_M => Some(thing.with(range, point)),
                 other => {
                     readings.extend(other.and_then(|thing| thing.reading(&sector)));
-                    Some(Thing { from: point, to: point, nearest: range })
+                    Some(Thing { from: point, to: point, nearest: range, width: 0.0 })
                 }
             };
         }
-        readings.extend(thing.and_then(|thing| thing.reading(&sector)));
+        self.open.retain(|open| at.since(open.at) <= CONTINUES_WITHIN);
+        match thing {
+            Some(thing) if sector.span() < NARROW_RAD && self.open.len() < OPEN_MAX => {
+                self.open.push(Open { lidar: scan.name.clone(), thing, at, direction: sector.end() });
+            }
+            thing => readings.extend(thing.and_then(|thing| thing.reading(&sector))),
+        }
         let gone = self.people.places().filter(|place| sector.passes(*place, PERSON_PASSED_M, PERSON_SIDE_M));
         readings.extend(gone.map(|place| sector.nobody(place)));
         self.people.update(&readings, is_body);
@@ -135,23 +161,43 @@ impl Obstacles {
     }
 }
 
+/// Something that goes on in the next sector of its lidar, if that continues the last one.
+#[derive(Debug)]
+pub(super) struct Open {
+    lidar: String,
+    thing: Thing,
+    /// When the sector was measured, and the direction of its last beam, rad.
+    at: Instant,
+    direction: f64,
+}
+
+impl Open {
+    fn continues(&self, Sector { scan, at, .. }: &Sector<'_>) -> bool {
+        let steps = wrap(scan.angle_min - self.direction) / scan.angle_step;
+        at.since(self.at) <= CONTINUES_WITHIN && CONTINUES_STEPS.contains(&steps)
+    }
+}
+
 /// Points side by side.
+#[derive(Debug)]
 struct Thing {
     from: Point,
     to: Point,
     /// Least distance, m.
     nearest: f64,
+    /// Farthest of them from the first one, m.
+    width: f64,
 }
 
 impl Thing {
     fn with(self, range: f64, point: Point) -> Self {
-        Self { to: point, nearest: self.nearest.min(range), ..self }
+        Self { to: point, nearest: self.nearest.min(range), width: self.width.max(self.from.distance(point)), ..self }
     }
 
     /// What the tracker of people gets of it; `None` if it is no leg.
     fn reading(self, sector: &Sector<'_>) -> Option<Reading> {
         let between = self.nearest * sector.scan.angle_step.abs();
-        let width = self.from.distance(self.to) + between;
+        let width = self.width + between;
         LEG_WIDTH_M.contains(&width).then(|| {
             let middle = Point { x: (self.from.x + self.to.x) / 2.0, y: (self.from.y + self.to.y) / 2.0 };
             sector.reading(middle, width / (2.0 * self.nearest), Some(self.nearest))
@@ -180,7 +226,6 @@ mod tests {
     use std::f64::consts::TAU;
 
     const BEAMS: usize = 360;
-    const SECTORS: usize = 8;
 
     /// The map around a robot at the origin, with a lidar in its middle that turns this way round.
     struct Bench {
@@ -188,6 +233,8 @@ mod tests {
         now: Instant,
         status: i8,
         step: f64,
+        /// Of a revolution.
+        sectors: usize,
         /// A wall ahead is on the map.
         mapped: bool,
     }
@@ -195,13 +242,14 @@ mod tests {
     impl Bench {
         fn new(step: f64) -> Self {
             let now = Instant::from_millis(1000);
-            Self { obstacles: Obstacles::new(), now, status: DataScan::OK, step, mapped: false }
+            Self { obstacles: Obstacles::new(), now, status: DataScan::OK, step, sectors: 8, mapped: false }
         }
 
         /// Revolutions of 100 ms, in which each direction has the range that `range` says.
         fn revolve(&mut self, times: usize, range: impl Fn(f64) -> f64) {
-            for sector in (0..times).flat_map(|_| 0..SECTORS) {
-                let count = BEAMS / SECTORS;
+            let sectors = self.sectors;
+            for sector in (0..times).flat_map(|_| 0..sectors) {
+                let count = BEAMS / sectors;
                 let angle_min = (sector * count) as f64 * self.step;
                 let ranges = (0..count).map(|k| range(wrap(angle_min + k as f64 * self.step)) as f32).collect();
                 let scan = DataScan {
@@ -218,7 +266,7 @@ mod tests {
                 let is_mapped = |point: Point| mapped && (point.x - 2.0).abs() < 0.15;
                 let here = Pose::default();
                 self.obstacles.on_scan(self.now, (here, here), &scan, is_body, is_mapped);
-                self.now += Duration::from_micros(12_500);
+                self.now += Duration::from_micros(100_000 / sectors as u64);
             }
         }
 
@@ -309,6 +357,29 @@ mod tests {
         let mut bench = Bench::new(STEPS[0]);
         bench.revolve(20, wall);
         assert_eq!(bench.obstacles.people(bench.now).count(), 0, "a wall is nobody");
+    }
+
+    #[test]
+    fn what_narrow_sectors_cut_is_as_wide_as_it_is() {
+        for (step, sectors) in STEPS.into_iter().flat_map(|step| [(step, 16), (step, 24), (step, 120)]) {
+            let mut bench = Bench::new(step);
+            bench.sectors = sectors;
+            // A wall whose parts of 22.5° are as narrow as legs.
+            bench.revolve(20, |angle| if angle.abs() < 0.98 { 1.0 / libm::cos(angle) } else { f64::INFINITY });
+            assert_eq!(bench.obstacles.people(bench.now).count(), 0, "{sectors}: a wall is nobody");
+            // All around.
+            bench.revolve(20, |_| 0.9);
+            assert_eq!(bench.obstacles.people(bench.now).count(), 0, "{sectors}: a room is nobody");
+            let mut bench = Bench::new(step);
+            bench.sectors = sectors;
+            // Somebody in the direction in which two sectors meet.
+            for n in 0..20 {
+                bench.revolve(1, person(3.0 - 0.08 * f64::from(n), 0.0));
+            }
+            let people: Vec<_> = bench.obstacles.people(bench.now).filter(|person| person.confirmed).collect();
+            let [person] = people.as_slice() else { panic!("{sectors}: {people:?}") };
+            assert!(person.at.distance(Point { x: 3.0 - 0.08 * 19.0, y: 0.0 }) < 0.2, "{sectors}: {person:?}");
+        }
     }
 
     #[test]
