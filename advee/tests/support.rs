@@ -71,8 +71,8 @@ thread_local! {
     static OWN: RefCell<Weak<Turn>> = const { RefCell::new(Weak::new()) };
 }
 
-/// Shares of this machine: three for two processors. A robot that runs needs a part of a processor only, and one that
-/// starts a whole one.
+/// Shares of this machine: three for two processors. A running robot needs only a part of a processor; one that starts
+/// needs a whole one.
 fn shares_of_machine() -> usize {
     let processors = std::thread::available_parallelism().map_or(1, usize::from);
     processors + processors / 2
