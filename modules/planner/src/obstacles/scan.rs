@@ -114,7 +114,11 @@ impl Obstacles {
         let mut readings = std::mem::take(&mut self.round);
         readings.clear();
         let open = self.open.iter().position(|open| open.lidar == scan.name).map(|place| self.open.swap_remove(place));
-        let mut thing: Option<Thing> = open.filter(|open| open.continues(&sector)).map(|open| open.thing);
+        let (mut thing, ended) = match open {
+            Some(open) if open.continues(&sector) => (Some(open.thing), None),
+            ended => (None, ended.filter(|open| at.since(open.at) <= CONTINUES_WITHIN)),
+        };
+        readings.extend(ended.and_then(|open| open.thing.reading(&sector)));
         let mut last = None;
         for beam in 0..scan.ranges.len() {
             let (direction, range) = (sector.direction(beam), f64::from(scan.ranges[beam]));
