@@ -178,7 +178,7 @@ impl Bus {
         self.sender = sender(raw.origin, &self.users);
         let (published, raw) = (raw.published, self::raw(raw));
         let at = match published {
-            None => self.clocks.received(now, clock::wall(), raw.received_ns),
+            None => self.clocks.received(now, clock::both(), raw.received_ns),
             Some(ns) => match published_at(now, ns) {
                 Some(at) => at,
                 None => {
@@ -253,15 +253,15 @@ impl Clocks {
         (self.empty, self.stepped) = (now, false);
     }
 
-    /// Time of reception of a datagram that the kernel stamped with `kernel_ns`, at most `now`, while the wall clock
-    /// shows `wall`. After a backward step of the clock it is the earliest possible one: an old message never counts as
-    /// new. After a forward step it is too early by the step.
-    fn received(&mut self, now: Instant, wall: u64, kernel_ns: u64) -> Instant {
-        let offset = i128::from(wall) - i128::from(now.as_nanos());
+    /// Time of reception of a datagram that the kernel stamped with `kernel_ns`, at most `now`, with both clocks read
+    /// at once, later than `now`. After a backward step of the wall clock it is the earliest possible one: an old
+    /// message never counts as new. After a forward step it is too early by the step.
+    fn received(&mut self, now: Instant, (monotonic, wall): (Instant, u64), kernel_ns: u64) -> Instant {
+        let offset = i128::from(wall) - i128::from(monotonic.as_nanos());
         if self.offset.replace(offset).is_some_and(|before| offset < before - Self::STEP_MIN) {
             self.stepped = true;
         }
-        let at = now - std::time::Duration::from_nanos(wall.saturating_sub(kernel_ns));
+        let at = now.min(monotonic - std::time::Duration::from_nanos(wall.saturating_sub(kernel_ns)));
         if self.stepped { at.min(self.empty) } else { at }
     }
 }
@@ -307,25 +307,37 @@ mod tests {
     }
 
     #[test]
+    fn a_process_that_was_held_up_sees_no_step_of_the_clock() {
+        let mut clocks = Clocks::default();
+        let (wall, held_up) = (|at: Instant| 1000 * S + at.as_nanos(), Duration::from_millis(30));
+        // It never was idle, and is held up before it reads the clocks.
+        let read = at(2) + held_up;
+        assert_eq!(clocks.received(at(2), (read, wall(read)), wall(at(2)) - S / 2), at(2) - Duration::from_millis(500));
+        assert_eq!(clocks.received(at(3), (at(3), wall(at(3))), wall(at(3))), at(3));
+        // What arrived meanwhile is not from the future.
+        assert_eq!(clocks.received(at(4), (at(4) + held_up, wall(at(4) + held_up)), wall(at(4) + held_up)), at(4));
+    }
+
+    #[test]
     fn what_waited_over_a_backward_step_of_the_clock_is_old() {
         let mut clocks = Clocks::default();
         let wall = |s: u64| (1000 + s) * S;
         clocks.on_empty(at(1));
-        assert_eq!(clocks.received(at(2), wall(2), wall(2) - S / 2), at(2) - Duration::from_millis(500));
+        assert_eq!(clocks.received(at(2), (at(2), wall(2)), wall(2) - S / 2), at(2) - Duration::from_millis(500));
         clocks.on_empty(at(2));
         // It waits for 3 s; the clock is set back by 10 s in between.
         let before = wall(3);
-        assert_eq!(clocks.received(at(6), wall(6) - 10 * S, before), at(2));
+        assert_eq!(clocks.received(at(6), (at(6), wall(6) - 10 * S), before), at(2));
         assert_eq!(
-            clocks.received(at(6), wall(6) - 10 * S, wall(6) - 10 * S),
+            clocks.received(at(6), (at(6), wall(6) - 10 * S), wall(6) - 10 * S),
             at(2),
             "which of them waited is unknown"
         );
         clocks.on_empty(at(6));
-        assert_eq!(clocks.received(at(7), wall(7) - 10 * S, wall(7) - 10 * S), at(7));
+        assert_eq!(clocks.received(at(7), (at(7), wall(7) - 10 * S), wall(7) - 10 * S), at(7));
         // A forward step makes it older, never newer.
         assert_eq!(
-            clocks.received(at(8), wall(8), wall(8) - 10 * S),
+            clocks.received(at(8), (at(8), wall(8)), wall(8) - 10 * S),
             Instant::ZERO.max(at(8) - Duration::from_secs(10))
         );
     }

@@ -9,8 +9,8 @@ use heapless::Vec;
 
 /// Sectors of a revolution.
 pub(crate) const EIGHTHS: u8 = 8;
-/// The same, of a device that sends the samples of 4 ms to 8 ms at once: a sector is complete with the first sample of the
-/// next one, and so up to that time later.
+/// The same, of a device that sends the samples of 4 ms to 8 ms at once: a sector is complete with the first sample of
+/// the next one, and so up to that time later.
 pub(crate) const SIXTEENTHS: u8 = 16;
 /// A jump of the angle over more steps than this ends a sector: samples between were lost.
 const GAP_STEPS: f64 = 3.5;

@@ -109,8 +109,8 @@ pub fn decode(mode: Mode, bytes: &[u8], next: &[u8]) -> Vec<Sample, SAMPLES_MAX>
     samples(mode, bytes, next, advance_q6(bytes, next))
 }
 
-/// Samples of a valid express or dense capsule before the next one arrives, if the motor turns on as from the one before
-/// to this one, 1/64°. Those of an ultra capsule need the next one's ranges, too.
+/// Samples of a valid express or dense capsule before the next one arrives, if the motor turns on as from the one
+/// before to this one, 1/64°. Those of an ultra capsule need the next one's ranges, too.
 pub fn ahead(mode: Mode, bytes: &[u8], advance_q6: u32) -> Vec<Sample, SAMPLES_MAX> {
     samples(mode, bytes, bytes, advance_q6)
 }

@@ -17,8 +17,8 @@ const PERSON_PASSED_M: f64 = 0.35;
 const GAP_M: f64 = 0.12;
 /// Widths of a leg, or of two side by side, m.
 const LEG_WIDTH_M: std::ops::RangeInclusive<f64> = 0.03..=0.5;
-/// A sector narrower than this is joined with the next one, rad: in its part of 22.5°, say, a wall within 1.3 m would be
-/// as narrow as a leg.
+/// A sector narrower than this is joined with the next one, rad: in its part of 22.5°, say, a wall within 1.3 m would
+/// be as narrow as a leg.
 const NARROW_RAD: f64 = 0.5;
 /// Time within which a sector continues another one: more than the next one takes.
 const CONTINUES_WITHIN: Duration = Duration::from_millis(50);
