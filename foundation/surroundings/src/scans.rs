@@ -79,7 +79,7 @@ struct Hit {
     slice: usize,
 }
 
-/// A revolution: it ends where a part of the view is seen again, whatever number the device gives it.
+/// A revolution: it ends where a part of the view is seen again after [`OVERLAP`], whatever number the device gives it.
 #[derive(Debug)]
 struct Turn {
     since: Instant,
@@ -298,7 +298,8 @@ impl Eye {
         Some(met)
     }
 
-    /// Begins a new revolution if the middle of the sector was seen in this one; `slices` are those of its beams.
+    /// Begins a new revolution if the middle of the sector was seen in this one, [`OVERLAP`] before; `slices` are those
+    /// of its beams.
     fn begin(&mut self, at: Instant, beam_time: f64, slices: &[Option<usize>]) {
         let beams = slices.iter().enumerate();
         let beams: Vec<_> = beams.filter_map(|(k, slice)| slice.map(|slice| (k, slice))).collect();

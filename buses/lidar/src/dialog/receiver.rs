@@ -1,4 +1,4 @@
-//! Answers: a descriptor, and the bytes that it announces.
+//! Answers as RPLIDARs frame them, and YDLIDARs too: a descriptor, and the bytes that it announces.
 
 use crate::engine::Shared;
 use crate::rplidar::wire::{DESCRIPTOR, Descriptor, SYNC, SYNC_2};
